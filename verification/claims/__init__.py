@@ -1,0 +1,1 @@
+"""The claims of each study, one file a study, named as in ``workbench/studies/``."""

@@ -1,0 +1,99 @@
+"""Examining a campaign: the claims of its study, each checked, and what a report shows beside them."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import importlib.util
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from verification.verdict import Claim, Verdict, judge
+from workbench import progress
+from workbench.campaign import Campaign
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table of a report, e.g. what a paper published beside what was measured, and why they differ."""
+
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Figure:
+    """A figure of a report: what it shows, and a function that draws it with Matplotlib."""
+
+    caption: str
+    draw: Callable[[], Any]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Examination:
+    """What a study's claims module says about a campaign, before anything is checked.
+
+    ``conclude`` turns the verdicts into paragraphs in plain words; ``scores`` are metrics by controller that
+    ``scores.json`` gains; both run after the checks, and may use what the checks computed.
+    """
+
+    claims: Sequence[Claim]
+    conclude: Callable[[Sequence[Verdict]], Sequence[str]]
+    figures: Callable[[], Mapping[str, Figure]] = dict
+    tables: Callable[[], Sequence[Table]] = list
+    scores: Callable[[], Mapping[str, Mapping[str, float | None]]] = dict
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Report:
+    """A campaign with its verdicts and everything else that a report shows."""
+
+    campaign: Campaign
+    verdicts: Sequence[Verdict]
+    conclusion: Sequence[str]
+    figures: Mapping[str, Figure]
+    tables: Sequence[Table]
+    scores: Mapping[str, Mapping[str, float | None]]
+
+
+def examination_of(campaign: Campaign, *, full: bool = False) -> Examination:
+    """Return the examination that belongs to a campaign's study.
+
+    A built-in study has ``verification/claims/NAME.py`` with ``examine(campaign, full=...)``; every other study
+    made of trials gets the claims of learning laws in general, ``verification/claims/learning.py``.
+    """
+    name = campaign.study.name.replace("-", "_")
+    module = f"verification.claims.{name}"
+    if not name.isidentifier() or importlib.util.find_spec(module) is None:
+        module = "verification.claims.learning"
+    examination: Examination = importlib.import_module(module).examine(campaign, full=full)
+    return examination
+
+
+def verify(
+    campaign: Campaign,
+    examination: Examination | None = None,
+    *,
+    full: bool = False,
+    show_progress: bool = True,
+) -> Report:
+    """Check every claim on a campaign and return the report's content.
+
+    ``examination`` defaults to the one of the campaign's study; ``full`` adds the long sweeps.
+    """
+    chosen = examination or examination_of(campaign, full=full)
+    shown = progress.bar if show_progress else progress.silent
+    verdicts: list[Verdict] = []
+    with shown(len(chosen.claims), f"verify {campaign.study.name}") as advance:
+        for claim in chosen.claims:
+            verdicts.append(judge(claim))
+            advance(1)
+    return Report(
+        campaign=campaign,
+        verdicts=verdicts,
+        conclusion=chosen.conclude(verdicts),
+        figures=chosen.figures(),
+        tables=chosen.tables(),
+        scores=chosen.scores(),
+    )

@@ -1,0 +1,116 @@
+"""The command line: list, show, run."""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from models.quantity import InvalidValue
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    help="Design and verify learning controllers on symbolic plants.",
+)
+
+Name = Annotated[str, typer.Argument(metavar="STUDY", help="a built-in study, or a .py file that declares one")]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="change a setting (may be repeated)")
+]
+Seed = Annotated[int | None, typer.Option(help="seed of everything random")]
+Out = Annotated[Path | None, typer.Option(metavar="DIR", help="output folder (default: out/STUDY)")]
+Json = Annotated[bool, typer.Option("--json", help="print scores.json instead of a table")]
+
+
+def _study(name: str, assignments: list[str] | None, seed: int | None) -> Any:
+    from workbench import settings, studies
+
+    seeded = [f"seed={seed}"] if seed is not None else []
+    return settings.assigned(studies.find(name), [*(assignments or []), *seeded])
+
+
+@app.command("list")
+def list_studies() -> None:
+    """Name the built-in studies."""
+    from workbench import studies
+
+    for name in studies.NAMES:
+        print(f"{name:16}{studies.find(name).title}")
+
+
+@app.command()
+def show(name: Name) -> None:
+    """Print the settings that --set takes, with units and ranges."""
+    from workbench import settings
+
+    study = _study(name, None, None)
+    print(f"{study.name}: {study.title}")
+    if study.source:
+        print(f"Source: {study.source}")
+    print()
+    table: list[tuple[str, ...]] = [("setting", "value", "unit", "range", "meaning")]
+    for row in settings.rows(study):
+        value = row.value if isinstance(row.value, str) else json.dumps(row.value)
+        table.append((row.path, value, "" if row.unit == "1" else row.unit, row.range, row.doc))
+    _print_table(table)
+
+
+@app.command()
+def run(name: Name, assignments: Settings = None, seed: Seed = None, out: Out = None, as_json: Json = False) -> None:
+    """Run a study and write run.nc, scores.json and figures/."""
+    from workbench import campaign
+
+    study = _study(name, assignments, seed)
+    folder = out or Path("out") / study.name
+    with campaign.written_together(folder):
+        pass
+    done = campaign.run(study)
+    done.save(folder)
+    if as_json:
+        print(json.dumps(done.scores_json(), indent=2))
+        return
+    _print_scores(done)
+    print(f"\nRun:      {folder / 'run.nc'}\nScores:   {folder / 'scores.json'}\nFigures:  {folder / 'figures'}/")
+
+
+def _print_scores(done: Any) -> None:
+    scores = done.scores()
+    metrics = list(dict.fromkeys(metric for row in scores.values() for metric in row))
+    table: list[tuple[str, ...]] = [("metric", *scores)]
+    for metric in metrics:
+        table.append((metric, *(_short(row.get(metric)) for row in scores.values())))
+    _print_table(table)
+    if "stopped" in done.data:
+        for controller, reason in zip(done.data["controller"].values, done.data["stopped"].values, strict=True):
+            if reason:
+                print(f"{controller}: {reason}")
+
+
+def _short(value: float | None) -> str:
+    return "-" if value is None else f"{value:.5g}"
+
+
+def _print_table(table: list[tuple[str, ...]]) -> None:
+    widths = [max(len(row[column]) for row in table) for column in range(len(table[0]))]
+    for row in table:
+        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+def main() -> None:
+    """Run the command line; bad input ends with one line and status 2."""
+    logging.basicConfig(level=logging.WARNING, format="workbench: %(message)s", stream=sys.stderr)
+    try:
+        app()
+    except InvalidValue as error:
+        print(f"workbench: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("workbench: interrupted, nothing was written", file=sys.stderr)
+        sys.exit(130)

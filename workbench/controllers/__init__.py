@@ -1,0 +1,7 @@
+"""Controllers, one law a file."""
+
+from workbench.controllers.cfdl import CFDL
+from workbench.controllers.icfdl import ICFDL
+from workbench.controllers.pd import PD
+
+__all__ = ["CFDL", "ICFDL", "PD"]

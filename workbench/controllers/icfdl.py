@@ -1,0 +1,77 @@
+"""iCFDL-MFAILC: model-free adaptive ILC for trials of varying length, Jiao & Hou (2025), (13)-(15)."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, NamedTuple
+
+import casadi as ca
+
+from models.quantity import InvalidValue, declared, quantity
+from workbench import ppd_estimator
+from workbench.controller import Task, Trial, constant_row, known
+
+
+class Memory(NamedTuple):
+    """Plan and estimate of the trial to come, and what the last trial left; rows of N or N + 1 columns."""
+
+    u: Any
+    phi: Any
+    u_before: Any
+    y_before: Any
+    reached_before: Any
+
+
+@declared
+class ICFDL:
+    """Improved CFDL-MFAILC (doi 10.7641/CTA.2024.30465).
+
+    Deviations, where the paper is silent: the innovation xi* needs the outputs of two trials, so the estimate is
+    held where one of them did not reach k+1; the law computes in units of ``force_unit``, because lam, mu and eps
+    are absolute; phi(k,1) is not published and defaults to sqrt(lam), where the gain is largest.
+    """
+
+    source: ClassVar[str] = "Jiao & Hou 2025, (13)-(15)"
+
+    eta: float = quantity(default=1.0, unit="1", doc="step of the estimator", above=0, most=1)
+    rho: float = quantity(default=0.245, unit="1", doc="step of the input", above=0, most=1)
+    lam: float = quantity(default=5e-5, unit="(output/force unit)^2", doc="weight on input changes", above=0)
+    mu: float = quantity(default=0.1, unit="(force unit)^2", doc="weight on estimate changes", above=0)
+    eps: float = quantity(default=1e-5, unit="force unit", doc="reset threshold of estimate and input change", above=0)
+    phi0: float | None = quantity(
+        default=None, unit="output/force unit", doc="phi(k,1); null takes sqrt(lam)", optional=True
+    )
+    force_unit: float = quantity(default=100.0, unit="N", doc="the unit that the law computes forces in", above=0)
+    initial_input: float = quantity(default=1500.0, unit="N", doc="input of the first trial")
+
+    def check(self) -> None:
+        """Raise InvalidValue where phi0 is zero: its sign is the assumed control direction."""
+        if isinstance(self.phi0, float) and self.phi0 == 0:
+            raise InvalidValue("phi0 must not be 0 (its sign is the control direction), got 0.0")
+
+    def start(self, task: Task) -> Memory:
+        """Return the initial plan and phi0; no trial is known yet."""
+        n = task.samples
+        u = constant_row(self.initial_input / self.force_unit, n)
+        return Memory(u, constant_row(self._first(), n), u, ca.DM.nan(1, n + 1), ca.DM.zeros(1, n + 1))
+
+    def act(self, memory_k: Memory, state: Any, r: Any, r_next: Any, y: Any) -> tuple[Any, Any]:
+        """Return the planned input in newtons."""
+        return memory_k.u * self.force_unit, state
+
+    def learn(self, memory: Memory, trial: Trial) -> Memory:
+        """Return plan and estimate for the next trial; trial 2 is planned with phi0, having no differences."""
+        reached = trial.reached[1:]
+        both = ca.logic_and(reached, memory.reached_before[1:])
+        du = memory.u - memory.u_before
+        xi = known(both, trial.y[1:] - memory.y_before[1:] - memory.phi * du)  # xi*
+        phi = ppd_estimator.update(memory.phi, self._first(), du, xi, eta=self.eta, mu=self.mu, eps=self.eps)  # (15)
+        e_next = known(reached, trial.e[1:])  # e*(k+1, i-1)
+        u = memory.u + self.rho * phi / (self.lam + phi**2) * e_next  # (14)
+        return Memory(u, phi, memory.u, trial.y, trial.reached)
+
+    def ppd_estimate(self, memory: Memory) -> Any:
+        """Return phi in output units per newton."""
+        return memory.phi / self.force_unit
+
+    def _first(self) -> Any:
+        return ca.sqrt(self.lam) if self.phi0 is None else self.phi0

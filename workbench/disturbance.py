@@ -1,0 +1,49 @@
+"""Measurement noise and initial states of trials, from an explicit random generator."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from models.plant import Plant
+from models.quantity import declared, quantity
+
+
+class Noise(Protocol):
+    """What is added to the outputs that a controller sees."""
+
+    def draw(self, outputs: int, samples: int, rng: np.random.Generator) -> Any:
+        """Return one trial's noise, shape (outputs, samples)."""
+
+
+@declared
+class SpeedNoise:
+    """White Gaussian noise on the measured speed (the study's first output)."""
+
+    speed_sigma: float = quantity(
+        default=0.0, unit="output units", doc="standard deviation of the speed noise", least=0
+    )
+
+    def draw(self, outputs: int, samples: int, rng: np.random.Generator) -> Any:
+        """Return one trial's noise, shape (outputs, samples); zero on all but the first output."""
+        noise = np.zeros((outputs, samples))
+        if self.speed_sigma > 0:
+            noise[0] = rng.normal(0.0, self.speed_sigma, samples)
+        return noise
+
+
+class Initial(Protocol):
+    """Where trials begin."""
+
+    def draw(self, plant: Plant, trials: int, rng: np.random.Generator) -> Any:
+        """Return the initial states, shape (trials, states)."""
+
+
+@declared
+class AtRest:
+    """Every trial begins with all states zero."""
+
+    def draw(self, plant: Plant, trials: int, rng: np.random.Generator) -> Any:
+        """Return zeros, shape (trials, states)."""
+        return np.zeros((trials, len(plant.states)))

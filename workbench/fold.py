@@ -1,0 +1,339 @@
+"""One trial as one Function, a campaign as a fold of trials.
+
+One sample (plant and law, the state frozen once the trial has ended) is an SX Function; a trial is its
+``mapaccum`` wrapped, together with the law's learning on whole rows, in an MX Function; a campaign is the trial
+folded over trials, either streamed through compiled code or as one symbolic Function.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from models.plant import Plant, stacked
+from models.quantity import InvalidValue, symbolised
+from workbench.controller import Estimating, Learning, Placing, Stateful, Task, Trial
+
+MEMORY = "memory_"
+UNROLLED = 20  # samples folded into one function; larger saves calls, and costs compile time
+
+
+class TrialInput(NamedTuple):
+    """What a trial is run with: its length, where it starts, plant disturbances and measurement noise."""
+
+    length: int
+    """The last sample that is reached."""
+    x0: Any
+    """Initial state, (nx,)."""
+    w: Any
+    """Disturbances, (nw, N)."""
+    noise: Any
+    """Added to the outputs that the law sees, (ny, N + 1)."""
+
+
+class TrialRecord(NamedTuple):
+    """What a trial left: true signals, missing samples are NaN."""
+
+    u: Any
+    """Input, (nu, N); the plan at every sample for a law that does not feed back."""
+    x: Any
+    """State, (nx, N + 1)."""
+    y: Any
+    """True output, (ny, N + 1)."""
+    estimate: Any
+    """PPD estimate, (1, N), or an empty array."""
+    mse: float
+    """Mean of e^2 over samples 1..length, summed over outputs."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Fold:
+    """The trials of a plant under a controller over N samples, as CasADi Functions.
+
+    ``parameters`` names the float quantities of both (``plant.mass``, ``law.lam``): they are inputs of the
+    Functions, so another value needs no new Function.
+    """
+
+    plant: Plant
+    law: Any
+    samples: int
+    parameters: tuple[str, ...]
+    values: tuple[float, ...]
+    start: ca.Function
+    """(r, sampling_time, p) -> memory_*: the memory before the first trial."""
+    trial: ca.Function
+    """(memory_*, x0, length, r, w, noise, p) -> memory_*_next, x_end, u, x, y, estimate, mse."""
+
+    @property
+    def memory(self) -> tuple[str, ...]:
+        """Names of the trial Function's memory inputs."""
+        return tuple(name for name in self.trial.name_in() if name.startswith(MEMORY))
+
+    def values_of(self, law: Any) -> tuple[float, ...]:
+        """Return the parameters' values with another law of the same class and structure."""
+        return symbolised(self.plant).values + symbolised(law).values
+
+    def campaign(self, trials: int) -> ca.Function:
+        """Return the whole campaign as one symbolic Function, so that derivatives through it exist.
+
+        (x0 (nx), length (1, trials), r (ny, N + 1), w (nw, N * trials), noise (ny, (N + 1) * trials), p)
+        -> u, y, mse, estimate: the trials' columns side by side.
+        """
+        plant, n = self.plant, self.samples
+        body = self.trial.mapaccum("campaign_fold", trials, len(self.memory)) if self.memory else self.trial.map(trials)
+        shapes = {
+            "x0": (len(plant.states), 1),
+            "length": (1, trials),
+            "r": (len(plant.outputs), n + 1),
+            "w": (len(plant.disturbances), n * trials),
+            "noise": (len(plant.outputs), (n + 1) * trials),
+            "p": (len(self.parameters), 1),
+        }
+        given = {name: ca.MX.sym(name, *shape) for name, shape in shapes.items()}
+        handed = {
+            name: ca.repmat(value, 1, trials) if name in ("x0", "r", "p") else value for name, value in given.items()
+        }
+        if self.memory:
+            first = self.start.call({"r": given["r"], "sampling_time": plant.sampling_time, "p": given["p"]})
+            handed |= {name: first[name] for name in self.memory}
+        result = body.call(handed)
+        outputs = ["u", "y", "mse", "estimate"]
+        return ca.Function("campaign", list(given.values()), [result[o] for o in outputs], list(given), outputs)
+
+
+def build(plant: Plant, law: Any, samples: int) -> Fold:
+    """Return the fold of a plant and a controller over N samples, N at least 2.
+
+    Raises InvalidValue where step, output, act or learn give values of the wrong shape.
+    """
+    ny, nu, nx, nw = (len(named) for named in (plant.outputs, plant.inputs, plant.states, plant.disturbances))
+    plant_sx, law_sx = symbolised(plant), symbolised(law)
+    names = [f"plant.{name}" for name in plant_sx.names] + [f"law.{name}" for name in law_sx.names]
+    p = ca.MX.sym("p", len(names))
+    pieces = iter(ca.vertsplit(p)[len(plant_sx.names) :] if names else [])
+    law_mx = symbolised(law, lambda name: next(pieces)).thing
+
+    r = ca.MX.sym("r", ny, samples + 1)
+    sampling_time = ca.MX.sym("sampling_time")
+    begun = law_mx.start(Task(r, sampling_time))
+    fields = [MEMORY + name for name in getattr(begun, "_fields", ())]
+    first = [ca.densify(ca.MX(value)) for value in begun]
+    start = ca.Function("start", [r, sampling_time, p], first, ["r", "sampling_time", "p"], fields)
+
+    kept = [ca.MX.sym(name, *value.shape) for name, value in zip(fields, first, strict=True)]
+    memory = _like(begun, kept)
+    given = {
+        "x0": ca.MX.sym("x0", nx),
+        "length": ca.MX.sym("length"),
+        "r": r,
+        "w": ca.MX.sym("w", nw, samples),
+        "noise": ca.MX.sym("noise", ny, samples + 1),
+        "p": p,
+    }
+    reached = ca.DM(range(samples + 1)).T <= given["length"]
+    rows = {
+        "r": r[:, :-1],
+        "r_next": r[:, 1:],
+        "w": given["w"],
+        "noise": given["noise"][:, :-1],
+        "k": ca.DM(range(samples)).T,
+        "reached_next": reached[1:],
+    }
+    begin = law_mx.place(memory, given["x0"]) if isinstance(law, Placing) else given["x0"]
+    ready = law_mx.ready(memory) if isinstance(law, Stateful) else ()
+    sample = _sample(plant_sx.thing, law_sx.thing, memory, ready, samples)
+    symbols = dict(zip(names, [*plant_sx.symbols, *law_sx.symbols], strict=True))
+    folded = _folded(sample, symbols, begin, memory, ready, rows, p, samples)
+
+    x = ca.horzcat(begin, folded.x)
+    last = _with_parameters(plant_sx.thing.measured(sample.x), sample.x, symbols)(folded.x[:, -1], p)
+    y = ca.if_else(ca.repmat(reached, ny, 1), ca.horzcat(folded.y, last), ca.DM.nan(ny, samples + 1))
+    u = folded.u
+    if sample.feeds_back:
+        u = ca.if_else(ca.repmat(reached[1:], nu, 1), u, ca.DM.nan(nu, samples))
+    squared = ca.if_else(ca.repmat(reached[1:], ny, 1), (r - y)[:, 1:] ** 2, 0)
+    learned = memory
+    if isinstance(law, Learning):
+        seen = y + given["noise"]
+        learned = law_mx.learn(memory, Trial(r, seen, r - seen, u, reached, folded.state))
+    _same_shapes(law, fields, kept, learned)
+    results = {
+        **{f"{name}_next": ca.densify(value) for name, value in zip(fields, learned, strict=True)},
+        "x_end": folded.x[:, -1],
+        "u": ca.densify(u),
+        "x": ca.densify(x),
+        "y": ca.densify(y),
+        "estimate": ca.densify(law_mx.ppd_estimate(memory) if isinstance(law, Estimating) else ca.MX(1, 0)),
+        "mse": ca.sum1(ca.sum2(squared)) / given["length"],
+    }
+    trial = ca.Function(
+        f"trial_{plant.name}_{type(law).__name__.lower()}",
+        [*kept, *given.values()],
+        list(results.values()),
+        [*fields, *given],
+        list(results),
+    )
+    return Fold(plant, law, samples, tuple(names), plant_sx.values + law_sx.values, start, trial)
+
+
+class _Sample(NamedTuple):
+    """One sample of plant and law in SX: symbols by name and results."""
+
+    x: ca.SX
+    state: Any
+    memory: Any
+    rows: dict[str, ca.SX]
+    x_next: ca.SX
+    state_next: Any
+    u: ca.SX
+    y: ca.SX
+    feeds_back: bool
+
+
+class _Folded(NamedTuple):
+    """Rows of one trial: state after each sample, acting state after each sample, input and output at each."""
+
+    x: Any
+    state: Any
+    u: Any
+    y: Any
+
+
+def _like(pattern: Any, values: Sequence[Any]) -> Any:
+    """Return values in the NamedTuple type of pattern, or () where that is empty."""
+    return type(pattern)(*values) if values else ()
+
+
+def _sample(plant: Plant, law: Any, memory: Any, ready: Any, samples: int) -> _Sample:
+    at = plant.symbols()
+    ny = len(plant.outputs)
+    rows = {
+        "r": ca.SX.sym("r", ny),
+        "r_next": ca.SX.sym("r_next", ny),
+        "w": at["w"],
+        "noise": ca.SX.sym("noise", ny),
+        "k": at["k"],
+        "reached_next": ca.SX.sym("reached_next"),
+    }
+    memory_k = _like(memory, [ca.SX.sym(f"m{i}", field.shape[0]) for i, field in enumerate(memory)])
+    for name, field in zip(getattr(memory, "_fields", ()), memory, strict=True):
+        if field.shape[1] not in (1, samples, samples + 1):
+            raise InvalidValue(
+                f"{type(law).__name__}: memory {name} must have 1, N = {samples} or N + 1 columns, got {field.shape[1]}"
+            )
+    state = _like(ready, [ca.SX.sym(f"s{i}", *ca.MX(field).shape) for i, field in enumerate(ready)])
+    y = plant.measured(at["x"])
+    u, state_next = law.act(memory_k, state, rows["r"], rows["r_next"], y + rows["noise"])
+    u = stacked(u, plant.inputs, f"{type(law).__name__}.act")
+    x_next = plant.next_state(at["x"], u, at["w"], at["k"])
+    going = rows["reached_next"]
+    fed = ca.vertcat(at["x"], rows["noise"], *(ca.vec(field) for field in state))
+    return _Sample(
+        at["x"],
+        state,
+        memory_k,
+        rows,
+        ca.if_else(going, x_next, at["x"]),
+        _like(ready, [ca.if_else(going, new, old) for new, old in zip(state_next, state, strict=True)]),
+        u,
+        y,
+        ca.depends_on(u, fed),
+    )
+
+
+def _folded(
+    sample: _Sample,
+    symbols: dict[str, ca.SX],
+    begin: Any,
+    memory: Any,
+    ready: Any,
+    rows: dict[str, Any],
+    p: Any,
+    samples: int,
+) -> _Folded:
+    """Fold the sample over a trial; only the inputs that it depends on are handed to it."""
+    results = [sample.x_next, *sample.state_next, sample.u, sample.y]
+    mapped = [(sample.rows[name], rows[name]) for name in rows]
+    for symbol, field in zip(sample.memory, memory, strict=True):
+        mapped.append((symbol, field if field.shape[1] == 1 else field[:, :samples]))
+    mapped += [(symbol, p[index]) for index, symbol in enumerate(symbols.values())]
+    everything = ca.vertcat(*(ca.vec(result) for result in results))
+    mapped = [(symbol, value) for symbol, value in mapped if symbol.numel() and ca.depends_on(everything, symbol)]
+    one = ca.Function("sample", [sample.x, *sample.state, *(symbol for symbol, _ in mapped)], results)
+    accumulated = 1 + len(sample.state)
+    fold = one.mapaccum("samples", samples, accumulated, {"base": UNROLLED})
+    handed = [value if value.shape[1] == samples else ca.repmat(value, 1, samples) for _, value in mapped]
+    folded = fold.call([begin, *ready, *handed])
+    return _Folded(folded[0], _like(ready, folded[1:accumulated]), folded[-2], folded[-1])
+
+
+def _with_parameters(value: ca.SX, x: ca.SX, symbols: dict[str, ca.SX]) -> ca.Function:
+    return ca.Function("at_end", [x, ca.vertcat(*symbols.values())], [value])
+
+
+def _same_shapes(law: Any, fields: Sequence[str], before: Sequence[Any], after: Any) -> None:
+    for name, old, new in zip(fields, before, after, strict=True):
+        if tuple(old.shape) != tuple(new.shape):
+            raise InvalidValue(
+                f"{type(law).__name__}.learn must keep the shape of {name.removeprefix(MEMORY)}, {old.shape}; "
+                f"got {new.shape}"
+            )
+
+
+def stream(
+    fold: Fold,
+    reference: Any,
+    trials: Iterable[TrialInput],
+    *,
+    trial: ca.Function | None = None,
+    values: Sequence[float] | None = None,
+    carry_state: bool = False,
+) -> Iterator[TrialRecord]:
+    """Run trials one after the other and yield what each left.
+
+    reference has shape (ny, N + 1). ``trial`` is the compiled ``fold.trial`` (default: virtual machine), ``values``
+    replaces the parameters' values, ``carry_state`` starts a trial where the last one ended.
+    """
+    function = trial or fold.trial
+    p = np.array(fold.values if values is None else values, dtype=float)
+    r = np.asarray(reference, dtype=float)
+    begun = fold.start.call({"r": ca.DM(r), "sampling_time": fold.plant.sampling_time, "p": ca.DM(p)})
+    memory = [_flat(begun[name].full()) for name in fold.memory]
+    spare = [np.empty_like(field) for field in memory]
+    buffer: Any
+    buffer, trigger = function.buffer()
+    shapes = {name: function.size_out(index) for index, name in enumerate(function.name_out())}
+    taken, given = len(memory), list(function.name_in())
+    x_end = np.empty(len(fold.plant.states))
+    fixed = {"r": _flat(r), "p": p}
+    _hand(buffer.set_arg, given, fixed)
+    carried: Any = None
+    for one in trials:
+        x0 = carried if carry_state and carried is not None else np.array(one.x0, dtype=float)
+        inputs = {"x0": x0, "length": np.array([float(one.length)]), "w": _flat(one.w), "noise": _flat(one.noise)}
+        left = {name: np.empty(shapes[name][0] * shapes[name][1]) for name in ("u", "x", "y", "estimate", "mse")}
+        for index in range(taken):
+            buffer.set_arg(index, memoryview(memory[index]))
+            buffer.set_res(index, memoryview(spare[index]))
+        _hand(buffer.set_arg, given, inputs)
+        _hand(buffer.set_res, list(function.name_out()), {**left, "x_end": x_end})
+        trigger()
+        memory, spare = spare, memory
+        carried = x_end.copy()
+        u, x, y, estimate = (left[name].reshape(shapes[name], order="F") for name in ("u", "x", "y", "estimate"))
+        yield TrialRecord(u, x, y, estimate, float(left["mse"][0]))
+
+
+def _flat(values: Any) -> Any:
+    return np.ascontiguousarray(np.asarray(values, dtype=float).ravel(order="F"))
+
+
+def _hand(setter: Any, names: Sequence[str], arrays: dict[str, Any]) -> None:
+    """Give a Function's buffer the arrays by name; what is empty stays a null pointer."""
+    for name, array in arrays.items():
+        if array.size:
+            setter(names.index(name), memoryview(array))
