@@ -107,6 +107,14 @@ class Choosy(Protocol):
         """Return why it cannot be used in the study, or None."""
 
 
+def learns_increment(law: Any) -> bool:
+    """Tell whether a law learns on y(k+1) - y(k) instead of y(k+1): its estimate is of that signal's PPD.
+
+    A law says so with a class attribute ``learns_increment = True``.
+    """
+    return bool(getattr(law, "learns_increment", False))
+
+
 def known(reached: Any, value: Any) -> Any:
     """Return value where ``reached`` is 1 and 0 elsewhere, never touching what is missing (NaN) there."""
     return ca.if_else(reached, value, 0)

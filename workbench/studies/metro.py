@@ -6,6 +6,7 @@ from models.point_mass import PointMass
 from models.reference import MetroProfile
 from workbench.controllers.cfdl import CFDL
 from workbench.controllers.icfdl import ICFDL
+from workbench.controllers.increment import Increment
 from workbench.controllers.pd import PD
 from workbench.metrics import train_scores
 from workbench.trial_length import TrialLength
@@ -17,7 +18,7 @@ STUDY = TrialStudy(
     source="Jiao & Hou, Control Theory & Applications 42(3), 2025, doi 10.7641/CTA.2024.30465",
     plant=PointMass(),
     reference=MetroProfile(),
-    controllers={"cfdl": CFDL(), "icfdl": ICFDL(), "pd": PD()},
+    controllers={"cfdl": CFDL(), "icfdl": ICFDL(), "pd": PD(), "increment": Increment()},
     trials=150,
     trial_length=TrialLength(law="uniform"),
     sweeps=(
