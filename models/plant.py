@@ -177,6 +177,21 @@ class Plant(ABC):
         return ca.Function(name, list(at.values()), [slope], list(at), [f"d{of}_d{label}"])
 
     @final
+    def relative_degree(self, limit: int = 200) -> int | None:
+        """Return the smallest d for which y(k+d) of the first output depends on u(k) of the first input.
+
+        It is read off the equations (1 without dead time); None where no d up to ``limit`` does.
+        """
+        at = self.symbols()
+        x, u, w = at["x"], at["u"], at["w"]
+        for degree in range(1, limit + 1):
+            x = self.next_state(x, u, w, at["k"] + degree - 1)
+            if ca.depends_on(self.measured(x)[0], at["u"][0]):
+                return degree
+            u, w = ca.SX.sym("later", *at["u"].shape), ca.SX.sym("later_w", *at["w"].shape)
+        return None
+
+    @final
     def to_control(self) -> Any:
         """Return the plant as python-control's discrete-time ``NonlinearIOSystem`` with its signal names.
 
