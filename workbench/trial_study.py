@@ -188,7 +188,8 @@ class _Record:
         plant, n = study.plant, study.horizon
         shape = (len(self.names), study.trials, n + 1)
         shown = {signal.name for signal in plant.outputs}
-        self.hidden = [(i, signal) for i, signal in enumerate(plant.states) if signal.name not in shown]
+        kept = [(i, signal) for i, signal in enumerate(plant.states) if signal.recorded]
+        self.hidden = [(i, signal) for i, signal in kept if signal.name not in shown]
         self.rows: dict[str, Any] = {name: np.full(shape, np.nan) for name in self._row_names()}
         self.mse = np.full(shape[:2], np.nan)
         self.diverged = np.full(len(self.names), np.nan)
