@@ -16,11 +16,12 @@ from models.quantity import InvalidValue, symbolised
 
 
 class Signal(NamedTuple):
-    """A named signal with its unit and what it is."""
+    """A named signal with its unit, what it is, and whether a run records it (as a state)."""
 
     name: str
     unit: str
     doc: str = ""
+    recorded: bool = True
 
 
 def signals(**units: str | tuple[str, str]) -> tuple[Signal, ...]:
@@ -81,7 +82,8 @@ class Plant(ABC):
 
     A subclass is a :func:`models.quantity.declared` dataclass whose fields are quantities with units. It names
     its signals and gives ``step`` and ``output``; both must work on SX, MX and DM alike, and return the values
-    in the order of the signals. Nothing else is meant to be overridden.
+    in the order of the signals. Nothing else is meant to be overridden, but for ``applied`` by
+    an actuator's wrapper (:mod:`models.actuator`).
     """
 
     sampling_time: float
@@ -99,6 +101,10 @@ class Plant(ABC):
     def output(self, x: Any) -> Any:
         """Return the outputs (in the order of ``outputs``) at a state."""
 
+    def applied(self, x: Any, u: Any) -> Any:
+        """Return the inputs that act over a sample, given those commanded; an actuator's wrapper gives others."""
+        return u
+
     @final
     @property
     def name(self) -> str:
@@ -115,6 +121,12 @@ class Plant(ABC):
     def measured(self, x: Any) -> Any:
         """Evaluate ``output`` on a CasADi column x (nx); return a column (ny)."""
         return stacked(self.output(Values(self.states, x)), self.outputs, f"{type(self).__name__}.output")
+
+    @final
+    def applied_input(self, x: Any, u: Any) -> Any:
+        """Evaluate ``applied`` on CasADi columns x (nx) and u (nu); return a column (nu)."""
+        values = self.applied(Values(self.states, x), Values(self.inputs, u))
+        return stacked(values, self.inputs, f"{type(self).__name__}.applied")
 
     @final
     def symbols(self) -> dict[str, ca.SX]:

@@ -2,8 +2,9 @@
 
 A controller is a :func:`models.quantity.declared` dataclass with ``source``, ``start`` and ``act``. What else it
 can do it says by having the method: ``learn`` (:class:`Learning`), ``ready`` (:class:`Stateful`), ``place``
-(:class:`Placing`), ``ppd_estimate`` (:class:`Estimating`), ``refusal`` (:class:`Choosy`). All of them are pure
-functions that work on CasADi values; the fold turns them into one compiled function a trial.
+(:class:`Placing`), ``ppd_estimate`` (:class:`Estimating`), ``tell`` (:class:`Telling`), ``refusal``
+(:class:`Choosy`). All of them are pure functions that work on CasADi values; the fold turns them into one compiled
+function a trial.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import casadi as ca
+
+from models.plant import Signal
 
 
 class Task(NamedTuple):
@@ -97,6 +100,16 @@ class Estimating(Protocol):
 
     def ppd_estimate(self, memory: Any) -> Any:
         """Return the estimate that the trial's input is computed with, (1, N), output units per input unit."""
+
+
+@runtime_checkable
+class Telling(Protocol):
+    """A controller that tells more of itself than its input: what it learned, a gain by sample."""
+
+    tells: tuple[Signal, ...]
+
+    def tell(self, memory: Any, trial: Trial) -> Any:
+        """Return one row (1, N) a signal of ``tells``, given the memory that the trial ran with."""
 
 
 @runtime_checkable

@@ -1,4 +1,4 @@
-"""Measurement noise and initial states of trials, from an explicit random generator."""
+"""Measurement noise, disturbances and initial states of trials, from an explicit random generator."""
 
 from __future__ import annotations
 
@@ -31,6 +31,22 @@ class SpeedNoise:
         if self.speed_sigma > 0:
             noise[0] = rng.normal(0.0, self.speed_sigma, samples)
         return noise
+
+
+class Disturbance(Protocol):
+    """What disturbs the plant at every sample."""
+
+    def draw(self, plant: Plant, samples: int, rng: np.random.Generator) -> Any:
+        """Return one trial's disturbances, shape (disturbances, samples)."""
+
+
+@declared
+class Undisturbed:
+    """All disturbances are zero."""
+
+    def draw(self, plant: Plant, samples: int, rng: np.random.Generator) -> Any:
+        """Return zeros, shape (disturbances, samples)."""
+        return np.zeros((len(plant.disturbances), samples))
 
 
 class Initial(Protocol):

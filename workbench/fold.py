@@ -16,9 +16,10 @@ import numpy as np
 
 from models.plant import Plant, stacked
 from models.quantity import InvalidValue, symbolised
-from workbench.controller import Estimating, Learning, Placing, Stateful, Task, Trial
+from workbench.controller import Estimating, Learning, Placing, Stateful, Task, Telling, Trial
 
 MEMORY = "memory_"
+ROWS = ("u", "x", "y", "estimate", "applied", "told")
 UNROLLED = 20  # samples folded into one function; larger saves calls, and costs compile time
 
 
@@ -48,6 +49,10 @@ class TrialRecord(NamedTuple):
     """PPD estimate, (1, N), or an empty array."""
     mse: float
     """Mean of e^2 over samples 1..length, summed over outputs."""
+    applied: Any
+    """The input that acted behind the plant's actuators, (nu, N), or an empty array for a plant without."""
+    told: Any
+    """What a :class:`~workbench.controller.Telling` law tells, one row a signal, (nt, N)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,7 +71,7 @@ class Fold:
     start: ca.Function
     """(r, sampling_time, p) -> memory_*: the memory before the first trial."""
     trial: ca.Function
-    """(memory_*, x0, length, r, w, noise, p) -> memory_*_next, x_end, u, x, y, estimate, mse."""
+    """(memory_*, x0, length, r, w, noise, p) -> memory_*_next, x_end, u, x, y, estimate, mse, applied, told."""
 
     @property
     def memory(self) -> tuple[str, ...]:
@@ -156,10 +161,10 @@ def build(plant: Plant, law: Any, samples: int) -> Fold:
     if sample.feeds_back:
         u = ca.if_else(ca.repmat(reached[1:], nu, 1), u, ca.DM.nan(nu, samples))
     squared = ca.if_else(ca.repmat(reached[1:], ny, 1), (r - y)[:, 1:] ** 2, 0)
-    learned = memory
-    if isinstance(law, Learning):
-        seen = y + given["noise"]
-        learned = law_mx.learn(memory, Trial(r, seen, r - seen, u, reached, folded.state))
+    seen = y + given["noise"]
+    left = Trial(r, seen, r - seen, u, reached, folded.state)
+    learned = law_mx.learn(memory, left) if isinstance(law, Learning) else memory
+    told = ca.vertcat(*law_mx.tell(memory, left)) if isinstance(law, Telling) else ca.MX(0, samples)
     _same_shapes(law, fields, kept, learned)
     results = {
         **{f"{name}_next": ca.densify(value) for name, value in zip(fields, learned, strict=True)},
@@ -169,6 +174,8 @@ def build(plant: Plant, law: Any, samples: int) -> Fold:
         "y": ca.densify(y),
         "estimate": ca.densify(law_mx.ppd_estimate(memory) if isinstance(law, Estimating) else ca.MX(1, 0)),
         "mse": ca.sum1(ca.sum2(squared)) / given["length"],
+        "applied": ca.densify(folded.applied),
+        "told": ca.densify(told),
     }
     trial = ca.Function(
         f"trial_{plant.name}_{type(law).__name__.lower()}",
@@ -191,16 +198,18 @@ class _Sample(NamedTuple):
     state_next: Any
     u: ca.SX
     y: ca.SX
+    applied: ca.SX
     feeds_back: bool
 
 
 class _Folded(NamedTuple):
-    """Rows of one trial: state after each sample, acting state after each sample, input and output at each."""
+    """Rows of one trial: state after each sample, acting state after each sample, inputs and output at each."""
 
     x: Any
     state: Any
     u: Any
     y: Any
+    applied: Any
 
 
 def _like(pattern: Any, values: Sequence[Any]) -> Any:
@@ -241,6 +250,7 @@ def _sample(plant: Plant, law: Any, memory: Any, ready: Any, samples: int) -> _S
         _like(ready, [ca.if_else(going, new, old) for new, old in zip(state_next, state, strict=True)]),
         u,
         y,
+        plant.applied_input(at["x"], u) if type(plant).applied is not Plant.applied else ca.SX(0, 1),
         ca.depends_on(u, fed),
     )
 
@@ -256,7 +266,7 @@ def _folded(
     samples: int,
 ) -> _Folded:
     """Fold the sample over a trial; only the inputs that it depends on are handed to it."""
-    results = [sample.x_next, *sample.state_next, sample.u, sample.y]
+    results = [sample.x_next, *sample.state_next, sample.u, sample.y, sample.applied]
     mapped = [(sample.rows[name], rows[name]) for name in rows]
     for symbol, field in zip(sample.memory, memory, strict=True):
         mapped.append((symbol, field if field.shape[1] == 1 else field[:, :samples]))
@@ -268,7 +278,7 @@ def _folded(
     fold = one.mapaccum("samples", samples, accumulated, {"base": UNROLLED})
     handed = [value if value.shape[1] == samples else ca.repmat(value, 1, samples) for _, value in mapped]
     folded = fold.call([begin, *ready, *handed])
-    return _Folded(folded[0], _like(ready, folded[1:accumulated]), folded[-2], folded[-1])
+    return _Folded(folded[0], _like(ready, folded[1:accumulated]), *folded[-3:])
 
 
 def _with_parameters(value: ca.SX, x: ca.SX, symbols: dict[str, ca.SX]) -> ca.Function:
@@ -315,7 +325,7 @@ def stream(
     for one in trials:
         x0 = carried if carry_state and carried is not None else np.array(one.x0, dtype=float)
         inputs = {"x0": x0, "length": np.array([float(one.length)]), "w": _flat(one.w), "noise": _flat(one.noise)}
-        left = {name: np.empty(shapes[name][0] * shapes[name][1]) for name in ("u", "x", "y", "estimate", "mse")}
+        left = {name: np.empty(shapes[name][0] * shapes[name][1]) for name in (*ROWS, "mse")}
         for index in range(taken):
             buffer.set_arg(index, memoryview(memory[index]))
             buffer.set_res(index, memoryview(spare[index]))
@@ -324,8 +334,8 @@ def stream(
         trigger()
         memory, spare = spare, memory
         carried = x_end.copy()
-        u, x, y, estimate = (left[name].reshape(shapes[name], order="F") for name in ("u", "x", "y", "estimate"))
-        yield TrialRecord(u, x, y, estimate, float(left["mse"][0]))
+        rows = {name: left[name].reshape(shapes[name], order="F") for name in ROWS}
+        yield TrialRecord(**rows, mse=float(left["mse"][0]))
 
 
 def _flat(values: Any) -> Any:

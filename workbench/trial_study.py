@@ -14,8 +14,8 @@ from models.plant import Plant, Signal
 from models.quantity import InvalidValue, count, declared, given, part, quantity
 from models.reference import Given
 from workbench.compiled import compiled
-from workbench.controller import Choosy, Controller
-from workbench.disturbance import AtRest, SpeedNoise
+from workbench.controller import Choosy, Controller, Telling
+from workbench.disturbance import AtRest, SpeedNoise, Undisturbed
 from workbench.fold import Fold, TrialInput, build, stream
 from workbench.metrics import trial_scores
 from workbench.study import Progress, Scores
@@ -51,6 +51,7 @@ class TrialStudy:
     trials: int = count(default=150, doc="number of trials, the first included", least=1)
     trial_length: TrialLength = part(default=TrialLength(law="fixed"), doc="how long trials last")
     noise: Any = part(default=SpeedNoise(), doc="measurement noise")
+    disturbance: Any = part(default=Undisturbed(), doc="what disturbs the plant")
     initial: Any = part(default=AtRest(), doc="where trials begin")
     seed: int = count(default=0, doc="seed of everything random")
     divergence_factor: float = quantity(
@@ -99,18 +100,22 @@ class TrialStudy:
         return {name: reason for name, reason in asked.items() if reason}
 
     def inputs(self) -> list[TrialInput]:
-        """Return what every trial is run with, drawn from the seed: lengths, initial states and noise.
+        """Return what every trial is run with, drawn from the seed: lengths, starts, disturbances, noise.
 
-        Each of the three has its own stream, so switching one on does not change the others.
+        Each of the four has its own stream, so switching one on does not change the others.
         """
-        streams = [np.random.default_rng(s) for s in np.random.SeedSequence(self.seed).spawn(3)]
+        streams = [np.random.default_rng(s) for s in np.random.SeedSequence(self.seed).spawn(4)]
         n = self.horizon
         lengths = self.trial_length.draw(n, self.trials, streams[0])
         starts = self.initial.draw(self.plant, self.trials, streams[2])
-        w = np.zeros((len(self.plant.disturbances), n))
         outputs = len(self.plant.outputs)
         return [
-            TrialInput(int(length), start, w, self.noise.draw(outputs, n + 1, streams[1]))
+            TrialInput(
+                int(length),
+                start,
+                self.disturbance.draw(self.plant, n, streams[3]),
+                self.noise.draw(outputs, n + 1, streams[1]),
+            )
             for length, start in zip(lengths, starts, strict=True)
         ]
 
@@ -188,7 +193,11 @@ class _Record:
         plant, n = study.plant, study.horizon
         shape = (len(self.names), study.trials, n + 1)
         shown = {signal.name for signal in plant.outputs}
-        self.hidden = [(i, signal) for i, signal in enumerate(plant.states) if signal.name not in shown]
+        kept = [(i, signal) for i, signal in enumerate(plant.states) if signal.recorded]
+        self.hidden = [(i, signal) for i, signal in kept if signal.name not in shown]
+        laws = [law for law in study.controllers.values() if isinstance(law, Telling)]
+        self.told = tuple(dict.fromkeys(signal for law in laws for signal in law.tells))
+        self.acts = type(plant).applied is not Plant.applied
         self.rows: dict[str, Any] = {name: np.full(shape, np.nan) for name in self._row_names()}
         self.mse = np.full(shape[:2], np.nan)
         self.diverged = np.full(len(self.names), np.nan)
@@ -197,6 +206,8 @@ class _Record:
     def _row_names(self) -> list[str]:
         plant = self.study.plant
         names = ["ppd_estimate", *(f"state_{signal.name}" for _, signal in self.hidden)]
+        names += [f"law_{signal.name}" for signal in self.told]
+        names += [f"applied_{signal.name}" for signal in plant.inputs] if self.acts else []
         for kind, named in (("output", plant.outputs), ("error", plant.outputs), ("input", plant.inputs)):
             names += [kind if i == 0 else f"{kind}_{signal.name}" for i, signal in enumerate(named)]
         return names
@@ -214,6 +225,10 @@ class _Record:
                 self.rows["input" if i == 0 else f"input_{signal.name}"][at, trial, :-1] = left.u[i]
             for i, signal in self.hidden:
                 self.rows[f"state_{signal.name}"][at, trial, :end] = left.x[i, :end]
+            for signal, row in zip(getattr(self.study.controllers[name], "tells", ()), left.told, strict=True):
+                self.rows[f"law_{signal.name}"][at, trial, :-1] = row
+            for signal, row in zip(plant.inputs if self.acts else (), left.applied, strict=True):
+                self.rows[f"applied_{signal.name}"][at, trial, : end - 1] = row[: end - 1]
             if left.estimate.size:
                 self.rows["ppd_estimate"][at, trial, :-1] = left.estimate[0]
             self.mse[at, trial] = left.mse
@@ -244,6 +259,11 @@ class _Record:
         for _, signal in self.hidden:
             name = f"state_{signal.name}"
             variables[name] = (axes, self.rows[name], _about(signal, ""))
+        for signal in self.told:
+            variables[f"law_{signal.name}"] = (axes, self.rows[f"law_{signal.name}"], _about(signal, ""))
+        for signal in plant.inputs if self.acts else ():
+            name = f"applied_{signal.name}"
+            variables[name] = (axes, self.rows[name], _about(signal, "behind the actuator: "))
         gain = f"({plant.outputs[0].unit})/({plant.inputs[0].unit})"
         lengths = np.array([one.length for one in self.inputs])
         variables |= {
