@@ -235,7 +235,7 @@ class _Record:
         variables: dict[str, Any] = {}
         for i, signal in enumerate(plant.outputs):
             suffix = "" if i == 0 else f"_{signal.name}"
-            variables[f"reference{suffix}"] = (("sample",), r[i], _about(signal, "reference of "))
+            variables[f"reference{suffix}"] = (("sample",), r[i], _about(signal, "reference "))
             variables[f"output{suffix}"] = (axes, self.rows[f"output{suffix}"], _about(signal, ""))
             variables[f"error{suffix}"] = (axes, self.rows[f"error{suffix}"], _about(signal, "reference minus "))
         for i, signal in enumerate(plant.inputs):
