@@ -104,7 +104,8 @@ def mse(data: xr.Dataset) -> Any:
                 data["trial"], np.where(np.isfinite(values), values, np.nan), **styled(index), label=controller
             )
         axes.set(xlabel="trial i", ylabel=f"mean square error ({pretty(data['mse'].attrs['units'])})")
-        axes.legend()
+        if axes.lines:
+            axes.legend()
         return figure
 
 
