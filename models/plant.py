@@ -65,12 +65,14 @@ def stacked(values: Any, named: Sequence[Signal], what: str) -> Any:
     if isinstance(values, Values):
         values = values.vector
     column: Any
-    if isinstance(values, (tuple, list)):
-        column = ca.vertcat(*values)
-    elif hasattr(values, "ndim") and not hasattr(values, "is_column"):
-        column = ca.DM(values)
-    else:
-        column = values if hasattr(values, "shape") else ca.DM(values)
+    try:
+        if isinstance(values, (tuple, list)):
+            column = ca.vertcat(*values)
+        else:
+            column = values if isinstance(values, (ca.SX, ca.MX, ca.DM)) else ca.DM(values)
+    except (NotImplementedError, TypeError, ValueError):
+        names = ", ".join(signal.name for signal in named)
+        raise InvalidValue(f"{what} must give {len(named)} value(s) ({names}), got {values!r}") from None
     if tuple(column.shape) != (len(named), 1):
         names = ", ".join(signal.name for signal in named)
         raise InvalidValue(f"{what} must give {len(named)} value(s) ({names}), got shape {tuple(column.shape)}")

@@ -205,7 +205,7 @@ def _admitted(name: str, value: Any, spec: Quantity) -> Any:
 def _chosen(name: str, value: Any, spec: Quantity) -> Any:
     if isinstance(value, str) and value in spec.choices:
         return spec.choices[value]
-    if isinstance(value, str) or value is None:
+    if isinstance(value, str) or not isinstance(value, tuple(type(option) for option in spec.choices.values())):
         raise InvalidValue(f"{name} must be one of {spec.range()}, got {value!r}")
     return value
 

@@ -91,9 +91,12 @@ def load(path: str | os.PathLike[str], study: Study | None = None) -> Campaign:
     if not {"study", "settings"} <= set(data.attrs):
         raise InvalidValue(f"{file} must carry the attributes study and settings: it is no run of the workbench")
     if study is None:
-        from workbench.studies import find
+        from workbench.studies import NAMES, find
 
-        study = find(data.attrs["study"])
+        name = data.attrs["study"]
+        if name not in NAMES:
+            raise InvalidValue(f"{file} is a run of {name!r}, which is not built in: give it, as in load(path, study)")
+        study = find(name)
     return Campaign(settings.changed(study, json.loads(data.attrs["settings"])), data)
 
 

@@ -51,7 +51,7 @@ def show(name: Name) -> None:
     from workbench import settings
 
     study = _study(name, None, None)
-    print(f"{study.name}: {study.title}")
+    print(f"{study.name}: {study.title}" if study.title else study.name)
     if study.source:
         print(f"Source: {study.source}")
     print()
@@ -110,6 +110,9 @@ def main() -> None:
         app()
     except InvalidValue as error:
         print(f"workbench: {error}", file=sys.stderr)
+        sys.exit(2)
+    except MemoryError as error:
+        print(f"workbench: there is not enough memory ({error}): lower trials or samples", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print("workbench: interrupted, nothing was written", file=sys.stderr)

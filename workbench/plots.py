@@ -34,7 +34,12 @@ def styled(index: int) -> dict[str, Any]:
 def axis_label(variable: xr.DataArray) -> str:
     """Return ``long name (unit)`` of a variable."""
     name, unit = variable.attrs.get("long_name", variable.name), variable.attrs.get("units", "")
-    return f"{name} ({unit})" if unit not in ("", "1") else str(name)
+    return f"{name} ({pretty(unit)})" if unit not in ("", "1") else str(name)
+
+
+def pretty(unit: str) -> str:
+    """Return a unit as it is typeset: (km/h)^2 with a raised two."""
+    return unit.replace("^2", "²").replace("^3", "³")
 
 
 def ran(data: xr.Dataset) -> list[str]:
@@ -70,7 +75,7 @@ def trial_lengths(data: xr.Dataset) -> Any:
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()
         axes.plot(data["trial"], data["trial_length"], linestyle="none", marker="o", markersize=4, color=COLOURS[0])
-        axes.set(xlabel="trial i", ylabel=axis_label(data["trial_length"]))
+        axes.set(xlabel="trial i", ylabel=f"trial length ({data['trial_length'].attrs['units']})")
         return figure
 
 
@@ -84,7 +89,7 @@ def tracking(data: xr.Dataset, controller: str, trials: tuple[int, ...] = (50, 1
         axes.plot(data["sample"], data["reference"], color="black", linewidth=2.2, alpha=0.5, label="reference")
         for index, trial in enumerate(chosen):
             axes.plot(data["sample"], one["output"].sel(trial=trial), **styled(index), label=f"trial {trial}")
-        axes.set(xlabel="sample k", ylabel=axis_label(data["output"]), title=controller)
+        axes.set(xlabel="sample k", ylabel=axis_label(data["output"]), title=f"Tracking of {controller}")
         axes.legend()
         return figure
 
@@ -98,8 +103,9 @@ def mse(data: xr.Dataset) -> Any:
             axes.semilogy(
                 data["trial"], np.where(np.isfinite(values), values, np.nan), **styled(index), label=controller
             )
-        axes.set(xlabel="trial i", ylabel=f"MSE ({data['mse'].attrs['units']})")
-        axes.legend()
+        axes.set(xlabel="trial i", ylabel=f"mean square error ({pretty(data['mse'].attrs['units'])})")
+        if axes.lines:
+            axes.legend()
         return figure
 
 
@@ -107,24 +113,20 @@ def sensitivity(data: xr.Dataset, field: str) -> Any:
     """Draw the last MSE against a field that was varied, marking where the controller diverged."""
     values = data[f"sweep_{field}_mse_last"]
     at, names = f"sweep_{field}", f"sweep_{field}_controller"
-    top = float(np.nanmax(values)) * 3
+    highest = float(values.max()) if values.notnull().any() else 1.0
+    row = {name: 5 * highest * 2.0**index for index, name in enumerate(values[names].values)}
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()
-        for index, controller in enumerate(values[names].values):
+        axes.axhspan(2.5 * highest, 2 * max(row.values()), color="0.93", label="diverged")
+        for index, controller in enumerate(row):
             last = values.sel({names: controller})
             axes.loglog(last[at], last, **styled(index), marker=MARKERS[index], label=str(controller))
             gone = last[at].values[np.isnan(last.values)]
-            axes.scatter(
-                gone,
-                np.full(gone.size, top * 1.6**index),
-                marker="x",
-                s=60,
-                color=COLOURS[index],
-                label=f"{controller}: diverged",
-            )
+            axes.scatter(gone, np.full(gone.size, row[controller]), marker="x", s=60, color=COLOURS[index])
         axes.set(
-            xlabel=f"{field.replace('_', ' ')} ({data[at].attrs['units']})",
-            ylabel=f"last MSE ({values.attrs['units']})",
+            xlabel=f"{field.replace('_', ' ')} ({pretty(data[at].attrs['units'])})",
+            ylabel=f"last mean square error ({pretty(values.attrs['units'])})",
+            ylim=(None, 2 * max(row.values())),
         )
-        axes.legend()
+        figure.legend(loc="outside upper center", ncols=len(row) + 1)
         return figure

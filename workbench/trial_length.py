@@ -23,8 +23,10 @@ class TrialLength:
 
     def check(self) -> None:
         """Raise InvalidValue unless the table is a distribution, and there exactly for law table."""
-        if (self.probabilities is not None) != (self.law == "table"):
-            raise InvalidValue(f"probabilities belong to law table (and only there), got law {self.law}")
+        if self.law == "table" and self.probabilities is None:
+            raise InvalidValue("probabilities must be given for law table, as in [0.2, 0.3, 0.5]; got null")
+        if self.law != "table" and self.probabilities is not None:
+            raise InvalidValue(f"probabilities belong to law table, got law {self.law}: set law=table too")
         if self.probabilities is not None:
             if not self.probabilities or min(self.probabilities) < 0:
                 raise InvalidValue("probabilities must be at least one number, none negative")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -20,6 +21,9 @@ from workbench.fold import Fold, TrialInput, build, stream
 from workbench.metrics import trial_scores
 from workbench.study import Progress, Scores
 from workbench.trial_length import TrialLength
+
+NAME = r"\w[\w-]*"  # of studies and controllers: they become names of files and of settings
+MOST_RECORDED = 10**8  # samples of every signal kept in memory, about 4 GB in all
 
 
 @declared
@@ -48,12 +52,12 @@ class TrialStudy:
     plant: Plant = part(doc="the plant")
     reference: Any = given(doc="what the outputs should follow")
     controllers: Mapping[str, Any] = part(doc="the controllers by name")
-    trials: int = count(default=150, doc="number of trials, the first included", least=1)
+    trials: int = count(default=150, doc="number of trials, the first included", least=1, most=100_000)
     trial_length: TrialLength = part(default=TrialLength(law="fixed"), doc="how long trials last")
     noise: Any = part(default=SpeedNoise(), doc="measurement noise")
     disturbance: Any = part(default=Undisturbed(), doc="what disturbs the plant")
     initial: Any = part(default=AtRest(), doc="where trials begin")
-    seed: int = count(default=0, doc="seed of everything random")
+    seed: int = count(default=0, doc="seed of everything random", most=2**53)
     divergence_factor: float = quantity(
         default=1000.0,
         unit="1",
@@ -70,17 +74,27 @@ class TrialStudy:
         """Raise InvalidValue where plant, reference, trial lengths and controllers do not fit together."""
         if not hasattr(self.reference, "samples"):
             object.__setattr__(self, "reference", Given(values=self.reference))
+        if not re.fullmatch(NAME, self.name):
+            raise InvalidValue(f"name must be letters, digits, _ and -, got {self.name!r}")
         for member in ("states", "inputs", "outputs", "sampling_time"):
-            if not hasattr(self.plant, member):
+            if isinstance(self.plant, type) or not hasattr(self.plant, member):
                 raise InvalidValue(
                     f"plant must be a Plant with states, inputs, outputs and sampling_time; got {self.plant!r}"
                 )
         self.plant.next_output_function()
         self.trial_length.least(self.horizon)
+        recorded = len(self.controllers) * self.trials * (self.horizon + 1)
+        if recorded > MOST_RECORDED:
+            raise InvalidValue(
+                f"trials must be fewer: {len(self.controllers)} controller(s) x {self.trials} trials x "
+                f"{self.horizon + 1} samples exceed the {MOST_RECORDED:.0e} samples that a run may record"
+            )
         if not self.controllers:
             raise InvalidValue("controllers must name at least one controller, got none")
         for name, law in self.controllers.items():
-            if not isinstance(law, Controller):
+            if not re.fullmatch(NAME, str(name)):
+                raise InvalidValue(f"controllers must have names of letters, digits, _ and -, got {name!r}")
+            if isinstance(law, type) or not isinstance(law, Controller):
                 raise InvalidValue(f"controllers.{name} must have source, start and act, got {type(law).__name__}")
 
     @property
@@ -250,7 +264,7 @@ class _Record:
         variables: dict[str, Any] = {}
         for i, signal in enumerate(plant.outputs):
             suffix = "" if i == 0 else f"_{signal.name}"
-            variables[f"reference{suffix}"] = (("sample",), r[i], _about(signal, "reference of "))
+            variables[f"reference{suffix}"] = (("sample",), r[i], _about(signal, "reference "))
             variables[f"output{suffix}"] = (axes, self.rows[f"output{suffix}"], _about(signal, ""))
             variables[f"error{suffix}"] = (axes, self.rows[f"error{suffix}"], _about(signal, "reference minus "))
         for i, signal in enumerate(plant.inputs):

@@ -6,6 +6,7 @@ import difflib
 import importlib
 import importlib.util
 import sys
+import traceback
 from pathlib import Path
 from typing import Any
 
@@ -41,8 +42,12 @@ def _from_file(file: Path) -> Any:
         spec.loader.exec_module(module)
     except InvalidValue:
         raise
-    except Exception as error:
-        raise InvalidValue(f"{file} failed: {type(error).__name__}: {error}") from error
+    except (Exception, SystemExit) as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [frame.lineno for frame in frames if Path(frame.filename).resolve() == file.resolve()]
+        at = f"{file}, line {lines[-1]}," if lines else file
+        message = (str(error).strip() or "no message").splitlines()[0]
+        raise InvalidValue(f"{at} failed: {type(error).__name__}: {message}") from error
     found = getattr(module, "study", None)
     if not isinstance(found, Study):
         raise InvalidValue(f"{file} must declare a variable named study, as in: study = TrialStudy(...)")
