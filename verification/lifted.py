@@ -50,7 +50,7 @@ class Lifted:
                 (np.concatenate([*rows, identity]), np.concatenate([*columns, identity])),
             )
         )
-        self._solver = linalg.splu(
+        self._solver: Any = linalg.splu(
             dynamics, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": False}
         )
         at = np.repeat(np.arange(n), nx)

@@ -32,9 +32,7 @@ def recorded(campaign: Campaign, controller: str) -> Trajectories:
     data = campaign.data.sel(controller=controller)
     done = int(data["mse"].notnull().sum())
     first = {signal.name: "" if i == 0 else f"_{signal.name}" for i, signal in enumerate(plant.outputs)}
-    rows = [
-        data[f"output{first[s.name]}"] if s.name in first else data[f"state_{s.name}"] for s in plant.states
-    ]
+    rows = [data[f"output{first[s.name]}"] if s.name in first else data[f"state_{s.name}"] for s in plant.states]
     return Trajectories(
         np.stack([row.values[:done] for row in rows], axis=1),
         data["input"].values[:done, :-1],
@@ -74,9 +72,7 @@ class Lineariser:
         inputs = np.zeros((self.nu, n + 1))
         inputs[0, :n] = u
         a, b, c = (value.full() for value in self._all(x, inputs, self._w, np.arange(n + 1)))
-        return Linearisation(
-            a.reshape(nx, n + 1, nx).transpose(1, 0, 2)[:n], b.T[:n], c.reshape(1, n + 1, nx)[0]
-        )
+        return Linearisation(a.reshape(nx, n + 1, nx).transpose(1, 0, 2)[:n], b.T[:n], c.reshape(1, n + 1, nx)[0])
 
 
 def partial(line: Linearisation, degree: int) -> Any:

@@ -53,6 +53,8 @@ class TrialRecord(NamedTuple):
     """The input that acted behind the plant's actuators, (nu, N), or an empty array for a plant without."""
     told: Any
     """What a :class:`~workbench.controller.Telling` law tells, one row a signal, (nt, N)."""
+    memory: tuple[Any, ...] = ()
+    """The memory that the trial was run with, where it was asked for; shapes as in ``start``."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -302,11 +304,13 @@ def stream(
     trial: ca.Function | None = None,
     values: Sequence[float] | None = None,
     carry_state: bool = False,
+    keep_memory: bool = False,
 ) -> Iterator[TrialRecord]:
     """Run trials one after the other and yield what each left.
 
     reference has shape (ny, N + 1). ``trial`` is the compiled ``fold.trial`` (default: virtual machine), ``values``
-    replaces the parameters' values, ``carry_state`` starts a trial where the last one ended.
+    replaces the parameters' values, ``carry_state`` starts a trial where the last one ended, ``keep_memory`` gives each
+    record the memory that its trial was run with.
     """
     function = trial or fold.trial
     p = np.array(fold.values if values is None else values, dtype=float)
@@ -335,7 +339,10 @@ def stream(
         memory, spare = spare, memory
         carried = x_end.copy()
         rows = {name: left[name].reshape(shapes[name], order="F") for name in ROWS}
-        yield TrialRecord(**rows, mse=float(left["mse"][0]))
+        kept = (
+            [field.reshape(fold.start.size_out(i), order="F") for i, field in enumerate(spare)] if keep_memory else []
+        )
+        yield TrialRecord(**rows, mse=float(left["mse"][0]), memory=tuple(field.copy() for field in kept))
 
 
 def _flat(values: Any) -> Any:

@@ -1,0 +1,163 @@
+"""Boxes: a range for every input of a Function."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def _matrix(name: str, value: ArrayLike) -> Array:
+    """Return a value as a matrix of doubles, refusing what a double cannot hold."""
+    given = np.asarray(value)
+    matrix = np.array(given, dtype=np.float64)
+    if not np.all(np.isfinite(matrix)):
+        raise ValueError(f"{name}: the ends of a range must be finite, got {value!r}")
+    if given.dtype.kind in "iuO" and any(int(a) != b for a, b in zip(matrix.flat, given.flat, strict=True) if a == a):
+        raise ValueError(f"{name}: {value!r} is not a double; give the ends of a range that holds it")
+    if matrix.ndim > 2:
+        raise ValueError(f"{name}: expected a scalar, a vector or a matrix, got {matrix.ndim} dimensions")
+    return matrix.reshape(-1, 1) if matrix.ndim < 2 else matrix
+
+
+@dataclass(frozen=True, eq=False)
+class Box(Mapping[str, tuple[Array, Array]]):
+    """Closed ranges ``lower <= input <= upper``, elementwise, by input name.
+
+    Parameters
+    ----------
+    ranges
+        For every input either a pair ``(lower, upper)``, which must be a tuple, or one value that it is held at.
+        Scalars, vectors (taken as columns) and matrices are welcome; where one end is a scalar it serves every
+        element.
+
+    Raises
+    ------
+    ValueError
+        Where an end is not finite, the shapes disagree, or a lower end lies above its upper end.
+    """
+
+    ranges: Mapping[str, tuple[ArrayLike, ArrayLike] | ArrayLike]
+
+    def __post_init__(self) -> None:
+        checked: dict[str, tuple[Array, Array]] = {}
+        for name, given in self.ranges.items():
+            if isinstance(given, tuple) and len(given) != 2:
+                raise ValueError(f"{name}: a range is a pair (lower, upper), got {len(given)} values; use a list")
+            ends = given if isinstance(given, tuple) else (given, given)
+            matrices = _matrix(name, ends[0]), _matrix(name, ends[1])
+            if matrices[0].shape != matrices[1].shape and 1 not in (matrices[0].size, matrices[1].size):
+                raise ValueError(f"{name}: lower is {matrices[0].shape}, upper is {matrices[1].shape}")
+            lower, upper = (np.array(end) for end in np.broadcast_arrays(*matrices))
+            if np.any(lower > upper):
+                raise ValueError(f"{name}: expected lower <= upper, got {lower.tolist()} and {upper.tolist()}")
+            for end in (lower, upper):
+                end.setflags(write=False)
+            checked[name] = lower, upper
+        object.__setattr__(self, "ranges", MappingProxyType(checked))
+
+    def __getitem__(self, name: str) -> tuple[Array, Array]:
+        pair = self.ranges[name]
+        return pair  # type: ignore[return-value]  # a pair of matrices since __post_init__
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.ranges)
+
+    def __len__(self) -> int:
+        return len(self.ranges)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Box):
+            return NotImplemented
+        return set(self) == set(other) and all(
+            np.array_equal(mine, theirs) for name in self for mine, theirs in zip(self[name], other[name], strict=True)
+        )
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self))
+
+    def __repr__(self) -> str:
+        return f"Box({self})"
+
+    def __str__(self) -> str:
+        """Return every element with its range, in digits that read back to the same doubles."""
+        parts = []
+        for name, (lower, upper) in self.items():
+            for (row, column), low in np.ndenumerate(lower):
+                place = "" if lower.size == 1 else f"[{row}]" if lower.shape[1] == 1 else f"[{row}, {column}]"
+                high = upper[row, column]
+                value = f" = {float(low)!r}" if low == high else f" in [{float(low)!r}, {float(high)!r}]"
+                parts.append(f"{name}{place}{value}")
+        return ", ".join(parts)
+
+    @property
+    def is_point(self) -> bool:
+        """Whether every range holds one value only."""
+        return all(bool(np.all(lower == upper)) for lower, upper in self.values())
+
+    def midpoint(self) -> dict[str, Array]:
+        """Return a point in the middle, as values by input name."""
+        return {name: np.clip(lower + (upper / 2 - lower / 2), lower, upper) for name, (lower, upper) in self.items()}
+
+    def width(self) -> float:
+        """Return the largest width of any element."""
+        return max((float(np.max(upper - lower, initial=0.0)) for lower, upper in self.values()), default=0.0)
+
+    def split(self) -> tuple["Box", "Box"]:
+        """Return the two halves along the element that is widest for its size.
+
+        The size of an element is the larger magnitude of its ends. A point comes back twice.
+        """
+        best, share = None, 0.0
+        for name, (lower, upper) in self.items():
+            size = np.maximum(np.maximum(np.abs(lower), np.abs(upper)), np.finfo(np.float64).tiny)
+            relative = upper / size - lower / size
+            if relative.size and relative.max() > share:
+                row, column = np.unravel_index(int(relative.argmax()), relative.shape)
+                best, share = (name, (int(row), int(column))), float(relative.max())
+        if best is None:
+            return self, self
+        name, place = best
+        middle = self.midpoint()[name][place]
+        lower, upper = (end.copy() for end in self[name])
+        upper[place] = lower[place] = middle
+        return Box({**self, name: (self[name][0], upper)}), Box({**self, name: (lower, self[name][1])})
+
+    def coordinates(self, function: ca.Function) -> tuple[Array, Array]:
+        """Return the ends of all structural nonzeros of a Function's inputs, one after another.
+
+        Raises
+        ------
+        ValueError
+            Where the box does not name exactly the Function's inputs or a shape does not fit.
+        """
+        names = function.name_in()
+        if set(names) != set(self):
+            raise ValueError(f"{function.name()} has inputs {names}, the box has {list(self)}")
+        ends: list[list[Array]] = [[np.zeros(0)], [np.zeros(0)]]
+        for i, name in enumerate(names):
+            shape = function.size_in(i)
+            rows, columns = function.sparsity_in(i).get_triplet()
+            for collected, end in zip(ends, self[name], strict=True):
+                if end.size != 1 and end.shape != shape:
+                    raise ValueError(f"{name}: {function.name()} expects {shape}, the box has {end.shape}")
+                collected.append(np.broadcast_to(end, shape)[rows, columns] if rows else np.zeros(0))
+        return np.concatenate(ends[0]), np.concatenate(ends[1])
+
+    @classmethod
+    def from_coordinates(cls, function: ca.Function, lower: Array, upper: Array) -> "Box":
+        """Return the box whose `coordinates` are given; structural zeros are zero."""
+        ranges: dict[str, tuple[ArrayLike, ArrayLike] | ArrayLike] = {}
+        start = 0
+        for i, name in enumerate(function.name_in()):
+            rows, columns = function.sparsity_in(i).get_triplet()
+            ends = np.zeros(function.size_in(i)), np.zeros(function.size_in(i))
+            for end, values in zip(ends, (lower, upper), strict=True):
+                end[rows, columns] = values[start : start + len(rows)]
+            start += len(rows)
+            ranges[name] = ends
+        return cls(ranges)
