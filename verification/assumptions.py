@@ -18,8 +18,9 @@ from verification.box import Box
 from verification.domain import described
 from verification.lifted import Lifted
 from verification.ppd import Evidence, learned_signal
+from verification.reach import Reach
 from verification.row_sums import off_diagonal, slope_bounds
-from verification.smoothness import Reach, continuous_on
+from verification.smoothness import continuous_on
 from verification.trajectory import Lineariser, rollout
 from verification.verdict import Finding, Standing, undecided
 

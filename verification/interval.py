@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from verification import outward
+from verification import outward, outward_logic
 from verification.box import Box
 from verification.graph import COVER, MEET, NAMES, SELECT, Graph, Node, graph_of
 from verification.outward import Array, Mask, Span
@@ -45,15 +45,15 @@ TOTAL: Mapping[int, Callable[..., Span]] = {
     ca.OP_FMIN: lambda a, b: Span(np.minimum(a.lo, b.lo), np.minimum(a.hi, b.hi)),
     ca.OP_FMAX: lambda a, b: Span(np.maximum(a.lo, b.lo), np.maximum(a.hi, b.hi)),
     ca.OP_COPYSIGN: outward.copysign,
-    ca.OP_LT: outward.less,
-    ca.OP_LE: outward.less_equal,
-    ca.OP_EQ: outward.equal,
-    ca.OP_NE: lambda a, b: outward.negation(outward.equal(a, b)),
-    ca.OP_NOT: outward.negation,
-    ca.OP_AND: lambda a, b: _both(outward.truth(a), outward.truth(b), np.minimum),
-    ca.OP_OR: lambda a, b: _both(outward.truth(a), outward.truth(b), np.maximum),
-    ca.OP_IF_ELSE_ZERO: outward.gate,
-    SELECT: outward.select,
+    ca.OP_LT: outward_logic.less,
+    ca.OP_LE: outward_logic.less_equal,
+    ca.OP_EQ: outward_logic.equal,
+    ca.OP_NE: lambda a, b: outward_logic.negation(outward_logic.equal(a, b)),
+    ca.OP_NOT: outward_logic.negation,
+    ca.OP_AND: lambda a, b: _both(outward_logic.truth(a), outward_logic.truth(b), np.minimum),
+    ca.OP_OR: lambda a, b: _both(outward_logic.truth(a), outward_logic.truth(b), np.maximum),
+    ca.OP_IF_ELSE_ZERO: outward_logic.gate,
+    SELECT: outward_logic.select,
     COVER: lambda a, b: Span(np.maximum(a.lo + b.lo, 1.0), a.hi + b.hi),
     MEET: outward.meet,
 }
@@ -154,7 +154,7 @@ def _inherited(op: int, values: list[Value]) -> Faults | None:
     if op == MEET:
         return faults[1]
     if op in (ca.OP_IF_ELSE_ZERO, SELECT) and any(fault is not None for fault in faults[1:]):
-        holds = outward.truth(values[0].span)
+        holds = outward_logic.truth(values[0].span)
         if faults[1] is not None:
             faults[1] = np.where(holds.hi == 0, -1, faults[1])
         if op == SELECT and faults[2] is not None:

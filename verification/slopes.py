@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from flint import arb, ctx
 
-from verification import outward
+from verification import outward, outward_logic
 from verification.graph import BOOLEAN, COVER, MEET, Graph
 from verification.interval import Value
 from verification.outward import Array, Mask, Span
@@ -78,7 +78,7 @@ def _step(f: Span, *arguments: Span) -> tuple[Span, ...]:
 
 
 def _gate(f: Span, c: Span, x: Span) -> tuple[Span, Span]:
-    holds = outward.truth(c)
+    holds = outward_logic.truth(c)
     undecided = np.asarray(holds.lo != holds.hi)
     return _unless(undecided, Span(np.zeros_like(holds.lo), np.zeros_like(holds.lo))), _unless(undecided, holds)
 
@@ -93,7 +93,7 @@ def _copysign(f: Span, x: Span, y: Span) -> tuple[Span, Span]:
 
 
 def _smaller(f: Span, a: Span, b: Span) -> tuple[Span, Span]:
-    return outward.less(a, b), outward.less(b, a)
+    return outward_logic.less(a, b), outward_logic.less(b, a)
 
 
 def _unknown(f: Span, *arguments: Span) -> tuple[Span, ...]:

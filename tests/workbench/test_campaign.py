@@ -45,11 +45,11 @@ def small():
 def test_dataset_is_as_designed(small):
     data = small.data
     assert {d: data.sizes[d] for d in ("controller", "trial", "sample")} == {
-        "controller": 3,
+        "controller": 4,
         "trial": 12,
         "sample": 2001,
     }
-    assert list(data["controller"].values) == ["cfdl", "icfdl", "pd"]
+    assert list(data["controller"].values) == ["cfdl", "icfdl", "pd", "increment"]
     assert int(data["trial"][0]) == 1 and int(data["sample"][0]) == 0
     for name, dims in {
         "reference": ("sample",),
@@ -85,7 +85,7 @@ def test_mse_is_over_samples_1_to_the_end(small):
 
 def test_scores_from_the_record(small):
     scores = small.scores()
-    assert set(scores) == {"cfdl", "icfdl", "pd"}
+    assert set(scores) == {"cfdl", "icfdl", "pd", "increment"}
     for name, row in scores.items():
         assert METRICS <= set(row)
         if name == "cfdl":
@@ -114,6 +114,7 @@ def test_written_and_loaded(small, tmp_path):
         "resistance",
         "tracking_icfdl",
         "tracking_pd",
+        "tracking_increment",
         "mse",
         "sensitivity_force_unit",
     }
