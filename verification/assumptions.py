@@ -72,7 +72,7 @@ def continuous_slope(plant: Plant, box: Box, degree: int = 1) -> Finding:
                     margin=-abs(broken["slope_right"] - broken["slope_left"]),
                     unit="output/input",
                     witness={**broken, "operation": f"{reach.operation.name} in {reach.operation.expression}"},
-                    method=f"a {reach.operation.kind} of {what} is reached; df/du differs on its two sides",
+                    method=f"a {reach.operation.kind} of {what} is reached; f or df/du differs on its two sides",
                 )
         return undecided(f"continuity of {what} on the box could not be shown: {found.reason}")
     return Finding(
@@ -89,15 +89,20 @@ def _broken(f: ca.Function, reach: Reach) -> dict[str, Any] | None:
     u = float(at["u"][0, 0])
     step = 1e-6 * max(1.0, abs(u))
     values: dict[str, float] = {}
+    heights: dict[str, float] = {}
     slopes = _slope(f)
     for side, shift in (("left", -step), ("right", step)):
         moved = {**at, "u": at["u"] + shift * np.eye(at["u"].size, 1)}
         values[side] = float(slopes.call(moved)["df_du"])
+        heights[side] = float(f.call(moved)["y"])
     scale = max(abs(values["left"]), abs(values["right"]))
-    if np.isfinite(scale) and abs(values["right"] - values["left"]) <= 1e-3 * scale:
+    across = (heights["right"] - heights["left"]) / (2 * step)
+    jumps = np.isfinite(across) and abs(across) > 1e3 * max(scale, 1e-12)
+    if np.isfinite(scale) and abs(values["right"] - values["left"]) <= 1e-3 * scale and not jumps:
         return None
     point = {name: value.ravel().tolist() for name, value in at.items() if value.size}
-    return {"point": point, "step": step, "slope_left": values["left"], "slope_right": values["right"]}
+    found = {"point": point, "step": step, "slope_left": values["left"], "slope_right": values["right"]}
+    return {**found, "value_left": heights["left"], "value_right": heights["right"]}
 
 
 def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:

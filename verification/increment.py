@@ -135,7 +135,7 @@ def largest_weight(slopes: SlopeBounds, samples: int, share: float) -> float | N
     low, high = 1e-6, 1.0
     if not holds(low):
         return None
-    while (high - low) > 1e-4 * (1 - low):
+    while high - low > max(1e-4 * (1 - low), 1e-9):
         middle = (low + high) / 2
         low, high = (middle, high) if holds(middle) else (low, middle)
     return low

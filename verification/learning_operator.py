@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from scipy import sparse
 
+from verification.trajectory import trials_done
 from workbench.campaign import Campaign
 from workbench.controller import Task, Trial
 from workbench.fold import stream
@@ -22,7 +23,7 @@ def memories(campaign: Campaign, controller: str) -> Iterator[tuple[Any, Any, in
     """Run a controller's trials again; yield the memory each was run with, its record and its length."""
     study = campaign.study
     fold = study.fold(controller)
-    done = int(campaign.data["mse"].sel(controller=controller).notnull().sum())
+    done = trials_done(campaign, controller)
     inputs = study.inputs()[:done]
     for one, left in zip(
         inputs,

@@ -26,11 +26,20 @@ class Trajectories(NamedTuple):
     """PPD estimate, (trials, N), NaN where the law has none."""
 
 
+def trials_done(campaign: Campaign, controller: str) -> int:
+    """Return how many trials a controller ran before it ended or diverged (the diverging one not counted)."""
+    data = campaign.data.sel(controller=controller)
+    finite = np.isfinite(data["mse"].values)
+    done = int(finite.size if finite.all() else np.argmin(finite))
+    diverged = float(data["diverged_at_trial"])
+    return done if np.isnan(diverged) else min(done, int(diverged) - 1)
+
+
 def recorded(campaign: Campaign, controller: str) -> Trajectories:
-    """Return a controller's trajectories from the record, trials that were not run left out."""
+    """Return a controller's trajectories from the record; trials not run, and one that diverged, are left out."""
     plant = campaign.study.plant
     data = campaign.data.sel(controller=controller)
-    done = int(data["mse"].notnull().sum())
+    done = trials_done(campaign, controller)
     first = {signal.name: "" if i == 0 else f"_{signal.name}" for i, signal in enumerate(plant.outputs)}
     rows = [data[f"output{first[s.name]}"] if s.name in first else data[f"state_{s.name}"] for s in plant.states]
     return Trajectories(

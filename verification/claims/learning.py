@@ -13,7 +13,7 @@ from verification.box import Box
 from verification.domain import described, domain
 from verification.examination import Examination, Figure
 from verification.ppd import Evidence, evidence, quantiles
-from verification.trajectory import rollout
+from verification.trajectory import rollout, trials_done
 from verification.verdict import Claim, Standing, Verdict
 from workbench import plots_ppd
 from workbench.campaign import Campaign
@@ -55,7 +55,7 @@ class Dossier:
     def mse(self) -> Any:
         """Mean square error of the trials that were run."""
         values = self.campaign.data["mse"].sel(controller=self.controller).values
-        return values[np.isfinite(values)]
+        return values[: trials_done(self.campaign, self.controller)]
 
     @cached_property
     def lambda_sweep(self) -> sweeps.Sweep:
@@ -98,9 +98,8 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
 def dossiers(campaign: Campaign) -> list[Dossier]:
     """Return a dossier for every controller that learns and ran at least two trials."""
     names = [str(name) for name in campaign.data["controller"].values]
-    counts = {name: int(campaign.data["mse"].sel(controller=name).notnull().sum()) for name in names}
     learners = [name for name in names if isinstance(campaign.study.controllers[name], Learning)]
-    return [Dossier(campaign, name) for name in learners if counts[name] >= 2]
+    return [Dossier(campaign, name) for name in learners if trials_done(campaign, name) >= 2]
 
 
 def claims_of(d: Dossier) -> list[Claim]:
