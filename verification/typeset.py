@@ -63,7 +63,7 @@ def mathml(thing: Plant | ca.Function) -> tuple[str, ...]:
     Raises InvalidValue as :func:`latex` does.
     """
     return tuple(
-        f'<math xmlns="http://www.w3.org/1998/Math/MathML" display="block"><mtable><mtr>'
+        f'<math xmlns="http://www.w3.org/1998/Math/MathML" display="block"><mtable displaystyle="true"><mtr>'
         f'<mtd style="text-align:right">{left}</mtd><mtd style="padding:0.1em 0.3em"><mo>=</mo></mtd>'
         f'<mtd style="text-align:left">{right}</mtd></mtr></mtable></math>'
         for left, right in _written(equations_of(thing), MathML())
