@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import logging
 import math
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,7 +34,9 @@ STANDINGS = {
     Standing.UNDECIDED: ("?", "could not be told by this method, or the check failed"),
 }
 """The sign of every standing, and what it says of a claim."""
-SHOWN_ENTRIES = 6
+FEW = 5
+SMALL_SVG = 60_000
+"""Bytes up to which a figure stands in the page as SVG; a larger one stands there as PNG."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 log = logging.getLogger(__name__)
 
@@ -123,13 +126,16 @@ def html(report: Report, figures: Sequence[Drawn], scores: Mapping[str, Mapping[
     template = environment.from_string(files(__package__).joinpath("report.html.j2").read_text(encoding="utf-8"))
     study = report.campaign.study
     counts = {standing: sum(one.standing is standing for one in report.verdicts) for standing in Standing}
+    controllers, claims = at_a_glance(report.verdicts)
     page = template.render(
         study=study,
         version=_version(report),
-        standings=[(standing, *STANDINGS[standing], counts[standing]) for standing in Standing],
+        standings=[(standing, STANDINGS[standing][1], counts[standing]) for standing in Standing],
         signs={standing: STANDINGS[standing][0] for standing in Standing},
         conclusion=report.conclusion,
         verdicts=report.verdicts,
+        controllers=controllers,
+        claims=claims,
         equations=list(_equations(study)),
         settings=settings.rows(study),
         tables=report.tables,
@@ -154,46 +160,43 @@ def shown(value: float | None) -> str:
     return f"{digits}·10{str(int(exponent)).translate(SUPERSCRIPTS)}" if exponent else digits
 
 
-def shown_value(value: Any) -> str:
-    """Return any value of a witness or a setting as short text."""
+def shown_value(value: Any, number: Callable[[float], str] = shown) -> str:
+    """Return any value of a witness or a setting as short text: of a long row, both ends."""
     if isinstance(value, str) or value is None:
         return "none" if value is None else value
     if isinstance(value, bool):
         return "true" if value else "false"
     if hasattr(value, "tolist"):
-        return shown_value(value.tolist())
+        return shown_value(value.tolist(), number)
     if isinstance(value, Mapping):
-        return "; ".join(f"{key} = {shown_value(inner)}" for key, inner in value.items())
+        return "; ".join(f"{key} = {shown_value(inner, number)}" for key, inner in value.items())
     if isinstance(value, (list, tuple)):
-        inner = ", ".join(shown_value(one) for one in value[:SHOWN_ENTRIES])
-        return f"[{inner}, … ({len(value)} values)]" if len(value) > SHOWN_ENTRIES else f"[{inner}]"
+        texts = [shown_value(one, number) for one in (value if len(value) <= FEW else [*value[:3], value[-1]])]
+        if len(value) <= FEW:
+            return f"[{', '.join(texts)}]"
+        return f"[{', '.join(texts[:3])}, …, {texts[3]}] ({len(value)} values)"
     if isinstance(value, int):
         return str(value).replace("-", "−")
-    return shown(value) if isinstance(value, float) else str(value)
+    return number(value) if isinstance(value, float) else str(value)
 
 
 def setting(value: Any) -> str:
-    """Return a setting's value as text, numbers in full."""
-    if isinstance(value, float):
-        return f"{value:.12g}"
-    if isinstance(value, (list, tuple)) and len(value) <= 2 * SHOWN_ENTRIES:
-        return ", ".join(map(setting, value)) or "none"
-    if isinstance(value, (list, tuple)):
-        return f"{', '.join(map(setting, value[:SHOWN_ENTRIES]))}, … ({len(value)} values)"
-    return shown_value(value)
+    """Return a setting's value as text, its numbers in full."""
+    return shown_value(value, lambda number: f"{number:.12g}")
 
 
 def witness(verdict: Verdict) -> list[tuple[str, str]]:
-    """Return a verdict's witness as pairs of text; groups inside it are named by their path."""
-    return list(_pairs(verdict.witness or {}))
+    """Return a verdict's witness as pairs of text."""
+    return [(str(key), shown_value(value)) for key, value in (verdict.witness or {}).items()]
 
 
-def _pairs(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _pairs(value, f"{prefix}{key}: ")
-        else:
-            yield f"{prefix}{key}", shown_value(value)
+def at_a_glance(verdicts: Sequence[Verdict]) -> tuple[list[str], dict[str, dict[str, list[tuple[int, Verdict]]]]]:
+    """Return the controllers, and by claim and controller the numbered verdicts."""
+    controllers = list(dict.fromkeys(one.controller or "" for one in verdicts))
+    claims: dict[str, dict[str, list[tuple[int, Verdict]]]] = {}
+    for number, one in enumerate(verdicts, 1):
+        claims.setdefault(one.claim, {}).setdefault(one.controller or "", []).append((number, one))
+    return controllers, claims
 
 
 def breakable(text: str) -> Markup:
@@ -269,12 +272,25 @@ def _drawn(report: Report, folder: Path) -> list[Drawn]:
 
 
 def _embedded(name: str, caption: str, folder: Path) -> Drawn:
-    file = figure_file(name)
-    svg, png = ((folder / f"{file}.{kind}").read_bytes() for kind in ("svg", "png"))
+    file = folder / figure_file(name)
+    svg = file.with_name(f"{file.name}.svg").read_bytes()
     box = [float(number) for number in ET.fromstring(svg).attrib["viewBox"].split()]
-    small, kind = (svg, "svg+xml") if len(svg) <= 1.5 * len(png) else (png, "png")
+    if len(svg) <= SMALL_SVG:
+        small, kind = svg, "svg+xml"
+    else:
+        small, kind = _in_few_colours(file.with_name(f"{file.name}.png")), "png"
     data = Markup(f"data:image/{kind};base64,{base64.b64encode(small).decode('ascii')}")
     return Drawn(name, caption, round(box[2] * 96 / 72), round(box[3] * 96 / 72), data)
+
+
+def _in_few_colours(file: Path) -> bytes:
+    """Return a PNG with a palette, about a third of the size."""
+    from PIL import Image
+
+    written = io.BytesIO()
+    with Image.open(file) as image:
+        image.convert("RGB").quantize(128, dither=Image.Dither.NONE).save(written, "PNG", optimize=True)
+    return written.getvalue()
 
 
 def _titled(name: str) -> str:

@@ -217,8 +217,8 @@ def test_page_has_the_verdicts(page: Page) -> None:
     rows = [row.get("class") for row in page.all("tr") if row.get("class")]
     assert rows == ["PROVED", "SUPPORTED", "REFUTED", "UNDECIDED", "UNDECIDED"]
     for expected in (
-        "✓ PROVED", "✗ REFUTED", "1.5·10⁻⁶ m/N", "−2 <script>", "trial2", "box: x[0, 1]", "budget spent",
-        "0, 1, 2, 3, 4, 5, … (2000 values)", "5 claims <script>", "Do nothing.", "Equations of the plant",
+        "✓ PROVED", "✗ REFUTED", "1.5·10⁻⁶ m/N", "−2 <script>", "trial2", "boxx = [0, 1]", "budget spent",
+        "[0, 1, 2, …, 1999] (2000 values)", "5 claims <script>", "Do nothing.", "Equations of the plant",
         "1 ✓ PROVED", "2 ? UNDECIDED", "learning-control-workbench", "could not be drawn: ValueError",
     ):  # fmt: skip
         assert expected in page.text, expected
