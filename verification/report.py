@@ -24,8 +24,9 @@ from verification.junit import junit
 from verification.notation import clean
 from verification.typeset import Typeset, typeset
 from verification.verdict import Standing, Verdict
-from workbench import settings
+from workbench import progress, settings
 from workbench.campaign import figure_file, write_figures, write_run, written_together
+from workbench.study import Progress
 
 STANDINGS = {
     Standing.PROVED: ("✓", "holds: by exact algebra, or by interval arithmetic over the box that is stated"),
@@ -61,7 +62,7 @@ class Equations(NamedTuple):
     failure: str = ""
 
 
-def write(report: Report, folder: str | os.PathLike[str]) -> Path:
+def write(report: Report, folder: str | os.PathLike[str], *, show_progress: bool = True) -> Path:
     """Write run.nc, scores.json, figures/, verdicts.json, verdicts.xml and report.html, all or nothing.
 
     Returns the folder. Raises InvalidValue where it cannot be written. A figure that cannot be drawn leaves its
@@ -74,7 +75,7 @@ def write(report: Report, folder: str | os.PathLike[str]) -> Path:
         _text(draft / "scores.json", json.dumps(scores, indent=2, allow_nan=False))
         _text(draft / "verdicts.json", json.dumps(verdicts_json(report), indent=2, allow_nan=False))
         _text(draft / "verdicts.xml", junit(campaign.study.name, _version(report), report.verdicts))
-        figures = _drawn(report, draft / "figures")
+        figures = _drawn(report, draft / "figures", progress.bar if show_progress else progress.silent)
         _text(draft / "report.html", html(report, figures, scores["scores"]))
     return Path(folder)
 
@@ -169,7 +170,7 @@ def shown_value(value: Any, number: Callable[[float], str] = shown) -> str:
     if hasattr(value, "tolist"):
         return shown_value(value.tolist(), number)
     if isinstance(value, Mapping):
-        return "; ".join(f"{key} = {shown_value(inner, number)}" for key, inner in value.items())
+        return f"({', '.join(f'{key} = {shown_value(inner, number)}' for key, inner in value.items())})"
     if isinstance(value, (list, tuple)):
         texts = [shown_value(one, number) for one in (value if len(value) <= FEW else [*value[:3], value[-1]])]
         if len(value) <= FEW:
@@ -252,22 +253,24 @@ def _plants(thing: Any, prefix: str = "") -> Iterator[tuple[str, Plant]]:
             yield from _plants(value, f"{prefix}{name}.")
 
 
-def _drawn(report: Report, folder: Path) -> list[Drawn]:
+def _drawn(report: Report, folder: Path, shown: Progress) -> list[Drawn]:
     """Draw every figure once, as files, and return what the page shows of each."""
     folder.mkdir()
     plain = {name: Figure(caption=_titled(name), draw=draw) for name, draw in report.campaign.figures().items()}
     figures = dict(report.figures) | {name: one for name, one in plain.items() if name not in report.figures}
     drawn: list[Drawn] = []
-    for name, figure in figures.items():
-        try:
-            write_figures({name: figure.draw}, folder)
-        except OSError:
-            raise
-        except Exception as error:
-            log.warning("the figure %s could not be drawn: %s: %s", name, type(error).__name__, error)
-            drawn.append(Drawn(name, figure.caption, 0, 0, None, f"{type(error).__name__}: {error}"))
-        else:
-            drawn.append(_embedded(name, figure.caption, folder))
+    with shown(len(figures), "figures") as advance:
+        for name, figure in figures.items():
+            try:
+                write_figures({name: figure.draw}, folder)
+            except OSError:
+                raise
+            except Exception as error:
+                log.warning("the figure %s could not be drawn: %s: %s", name, type(error).__name__, error)
+                drawn.append(Drawn(name, figure.caption, 0, 0, None, f"{type(error).__name__}: {error}"))
+            else:
+                drawn.append(_embedded(name, figure.caption, folder))
+            advance(1)
     return drawn
 
 

@@ -217,7 +217,7 @@ def test_page_has_the_verdicts(page: Page) -> None:
     rows = [row.get("class") for row in page.all("tr") if row.get("class")]
     assert rows == ["PROVED", "SUPPORTED", "REFUTED", "UNDECIDED", "UNDECIDED"]
     for expected in (
-        "✓ PROVED", "✗ REFUTED", "1.5·10⁻⁶ m/N", "−2 <script>", "trial2", "boxx = [0, 1]", "budget spent",
+        "✓ PROVED", "✗ REFUTED", "1.5·10⁻⁶ m/N", "−2 <script>", "trial2", "box(x = [0, 1])", "budget spent",
         "[0, 1, 2, …, 1999] (2000 values)", "5 claims <script>", "Do nothing.", "Equations of the plant",
         "1 ✓ PROVED", "2 ? UNDECIDED", "learning-control-workbench", "could not be drawn: ValueError",
     ):  # fmt: skip
@@ -359,7 +359,7 @@ def test_numbers_as_shown(value: float | None, text: str) -> None:
 
 def test_values_as_shown() -> None:
     assert shown_value(np.float64(0.5)) == "0.5" and shown_value(True) == "true" and shown_value(-3) == "−3"
-    assert shown_value(None) == "none" and shown_value([]) == "[]" and shown_value({"a": (1, "b")}) == "a = [1, b]"
+    assert shown_value(None) == "none" and shown_value([]) == "[]" and shown_value({"a": (1, "b")}) == "(a = [1, b])"
 
 
 OWN = """
