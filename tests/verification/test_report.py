@@ -13,6 +13,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any, ClassVar
 
+import casadi as ca
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
@@ -21,7 +22,7 @@ from models.plant import Plant, signals
 from models.quantity import InvalidValue, declared, given, quantity
 from verification import Claim, Examination, Figure, Finding, Standing, Table, verify
 from verification.report import exit_status, scores_json, shown, shown_value, tally, verdict_table, write
-from verification.verdict import undecided
+from verification.verdict import judge, undecided
 from workbench.campaign import run
 from workbench.controllers import ICFDL
 from workbench.trial_study import TrialStudy
@@ -360,6 +361,31 @@ def test_numbers_as_shown(value: float | None, text: str) -> None:
 def test_values_as_shown() -> None:
     assert shown_value(np.float64(0.5)) == "0.5" and shown_value(True) == "true" and shown_value(-3) == "−3"
     assert shown_value(None) == "none" and shown_value([]) == "[]" and shown_value({"a": (1, "b")}) == "(a = [1, b])"
+
+
+@pytest.mark.parametrize(
+    ("value", "kept"),
+    [
+        (np.int64(3), 3),
+        (np.array([1.0, np.inf]), [1.0, None]),
+        ({1: (True, None)}, {"1": [True, None]}),
+        (ca.DM(0.5), 0.5),
+        (ca.DM([1, 2]), "[1, 2]"),
+        (1 + 2j, "(1+2j)"),
+        (Path("a"), "a"),
+    ],
+)
+def test_any_witness_is_kept(value: Any, kept: Any) -> None:
+    finding = Finding(standing=Standing.REFUTED, method="m", witness={"value": value})
+    [found] = [judge(claim("a", finding)).as_json()]
+    assert found["witness"] == {"value": kept}
+    json.dumps(found, allow_nan=False)
+
+
+def test_study_of_another_kind_without_claims(report: Any) -> None:
+    campaign = dataclasses.replace(report.campaign, data=report.campaign.data.drop_vars("mse"))
+    with pytest.raises(InvalidValue, match="there are no claims about"):
+        verify(campaign, show_progress=False)
 
 
 OWN = """
