@@ -8,6 +8,7 @@ import json
 import logging
 import math
 import os
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.resources import files
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jinja2
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from models.plant import Plant
 from models.quantity import is_declared, quantities
@@ -201,9 +202,8 @@ def at_a_glance(verdicts: Sequence[Verdict]) -> tuple[list[str], dict[str, dict[
 
 
 def breakable(text: str) -> Markup:
-    """Return a dotted name that a narrow column may break after its dots and underscores."""
-    safe = str(escape(text))
-    return Markup(safe.replace(".", ".<wbr>").replace("_", "_<wbr>"))
+    """Return a name or unit that a narrow column may break after its dots, underscores and slashes."""
+    return Markup("<wbr>").join(re.findall(r"[^._/]*[._/]?", text))
 
 
 def _version(report: Report) -> str:
