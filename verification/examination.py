@@ -8,6 +8,7 @@ import importlib.util
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from models.quantity import InvalidValue
 from verification.verdict import Claim, Verdict, judge
 from workbench import progress
 from workbench.campaign import Campaign
@@ -61,11 +62,17 @@ def examination_of(campaign: Campaign, *, full: bool = False) -> Examination:
     """Return the examination that belongs to a campaign's study.
 
     A built-in study has ``verification/claims/NAME.py`` with ``examine(campaign, full=...)``; every other study
-    made of trials gets the claims of learning laws in general, ``verification/claims/learning.py``.
+    made of trials gets the claims of learning laws in general, ``verification/claims/learning.py``. Raises
+    InvalidValue for a study of another kind that has no claims.
     """
     name = campaign.study.name.replace("-", "_")
     module = f"verification.claims.{name}"
     if not name.isidentifier() or importlib.util.find_spec(module) is None:
+        if "mse" not in campaign.data:
+            raise InvalidValue(
+                f"there are no claims about {campaign.study.name}, which is not made of trials: "
+                "use workbench run, or give verify an Examination of your own"
+            )
         module = "verification.claims.learning"
     examination: Examination = importlib.import_module(module).examine(campaign, full=full)
     return examination

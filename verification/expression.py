@@ -171,8 +171,8 @@ def _walked(
         else:
             work[to[0]] = _operation(op, tuple(work[at] for at in taken), node)
     uses: dict[int, int] = {}
-    for one in known.values():
-        for arg in one.args:
+    for used in ([root for column in roots for root in column], *(one.args for one in known.values())):
+        for arg in used:
             uses[id(arg)] = uses.get(id(arg), 0) + 1
     return list(known.values()), roots, uses
 

@@ -220,8 +220,9 @@ class MathML:
         """Write the lines of a long right side."""
         if len(lines) == 1:
             return lines[0]
-        rows = "".join(f'<mtr><mtd style="text-align:left">{line}</mtd></mtr>' for line in lines)
-        return f"<mtable>{rows}</mtable>"
+        spaced = [lines[0], *(line.replace("<mo>", '<mo form="infix">', 1) for line in lines[1:])]
+        rows = "".join(f'<mtr><mtd style="text-align:left">{line}</mtd></mtr>' for line in spaced)
+        return f'<mtable displaystyle="true">{rows}</mtable>'
 
 
 def clean(text: str) -> str:

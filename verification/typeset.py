@@ -63,7 +63,7 @@ def mathml(thing: Plant | ca.Function) -> tuple[str, ...]:
     Raises InvalidValue as :func:`latex` does.
     """
     return tuple(
-        f'<math xmlns="http://www.w3.org/1998/Math/MathML" display="block"><mtable><mtr>'
+        f'<math xmlns="http://www.w3.org/1998/Math/MathML" display="block"><mtable displaystyle="true"><mtr>'
         f'<mtd style="text-align:right">{left}</mtd><mtd style="padding:0.1em 0.3em"><mo>=</mo></mtd>'
         f'<mtd style="text-align:left">{right}</mtd></mtr></mtable></math>'
         for left, right in _written(equations_of(thing), MathML())
@@ -131,8 +131,12 @@ def _named(plant: Plant) -> _Named:
 
     x, u, w = names(plant.states, "state"), names(plant.inputs, "input"), names(plant.disturbances, "disturbance")
     y = [unique(f"y_{signal.name}", "output") for signal in plant.outputs]
-    short = {"sampling_time": "T_s"}
-    parameters = [unique(short.get(path, path.replace(".", "_")), "parameter") for path in free.names]
+    last = [path.rpartition(".")[2] for path in free.names]
+    short = [
+        {"sampling_time": "T_s"}.get(name, name) if last.count(name) == 1 else path.replace(".", "_")
+        for name, path in zip(last, free.names, strict=True)
+    ]
+    parameters = [unique(name, "parameter") for name in short]
     return _Named(free.thing, x, u, w, "k", y, parameters, free.symbols, free.names, free.values)
 
 

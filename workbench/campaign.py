@@ -112,15 +112,24 @@ def write_run(data: xr.Dataset, file: Path) -> None:
 
 
 def write_figures(figures: Mapping[str, Callable[[], Any]], folder: Path) -> None:
-    """Draw figures and write each as SVG and PNG."""
+    """Draw figures and write each as SVG and PNG: the same figure gives the same bytes on every day."""
     from matplotlib import pyplot
 
     folder.mkdir(parents=True, exist_ok=True)
     for name, draw in figures.items():
         figure = draw()
-        for kind in ("svg", "png"):
-            figure.savefig(folder / f"{name}.{kind}")
-        pyplot.close(figure)
+        file = figure_file(name)
+        try:
+            with pyplot.rc_context({"svg.hashsalt": "workbench"}):
+                figure.savefig(folder / f"{file}.svg", metadata={"Date": None})
+                figure.savefig(folder / f"{file}.png", dpi=150)
+        finally:
+            pyplot.close(figure)
+
+
+def figure_file(name: str) -> str:
+    """Return the file name, without its ending, under which a figure is written."""
+    return "".join("_" if character in '/\\\0<>:"|?*' else character for character in name)
 
 
 @contextmanager

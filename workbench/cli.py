@@ -1,4 +1,4 @@
-"""The command line: list, show, run."""
+"""The command line: list, show, run, verify."""
 
 from __future__ import annotations
 
@@ -26,6 +26,8 @@ Settings = Annotated[
 ]
 Seed = Annotated[int | None, typer.Option(help="seed of everything random")]
 Out = Annotated[Path | None, typer.Option(metavar="DIR", help="output folder (default: out/STUDY)")]
+Full = Annotated[bool, typer.Option("--full", help="add the long sweeps")]
+Strict = Annotated[bool, typer.Option("--strict", help="exit with 3 if any claim is REFUTED")]
 Json = Annotated[bool, typer.Option("--json", help="print scores.json instead of a table")]
 
 
@@ -76,19 +78,56 @@ def run(name: Name, assignments: Settings = None, seed: Seed = None, out: Out = 
     if as_json:
         print(json.dumps(done.scores_json(), indent=2))
         return
-    _print_scores(done)
+    _print_scores(done.scores(), done.data)
     print(f"\nRun:      {folder / 'run.nc'}\nScores:   {folder / 'scores.json'}\nFigures:  {folder / 'figures'}/")
 
 
-def _print_scores(done: Any) -> None:
-    scores = done.scores()
+@app.command()
+def verify(
+    name: Name,
+    assignments: Settings = None,
+    seed: Seed = None,
+    out: Out = None,
+    full: Full = False,
+    strict: Strict = False,
+    as_json: Annotated[bool, typer.Option("--json", help="print verdicts.json instead of tables")] = False,
+) -> None:
+    """Run a study, check its claims and write run.nc, scores.json, figures/, verdicts and report.html.
+
+    Exit status: 0 every check came to a standing, 1 some are UNDECIDED, 2 bad usage or input, with --strict 3
+    if any is REFUTED.
+    """
+    from verification import report
+    from verification.examination import verify as examine
+    from workbench import campaign
+
+    study = _study(name, assignments, seed)
+    folder = out or Path("out") / study.name
+    with campaign.written_together(folder):
+        pass
+    done = campaign.run(study)
+    found = examine(done, full=full)
+    report.write(found, folder)
+    if as_json:
+        print(json.dumps(report.verdicts_json(found), indent=2))
+    else:
+        _print_scores(json.loads((folder / "scores.json").read_text())["scores"], done.data)
+        print()
+        _print_table(report.verdict_table(found))
+        print(f"\n{report.tally(found)}")
+        print(f"\nRun:      {folder / 'run.nc'}\nScores:   {folder / 'scores.json'}\nFigures:  {folder / 'figures'}/")
+        print(f"Verdicts: {folder / 'verdicts.json'}, verdicts.xml\nReport:   {folder / 'report.html'}")
+    raise typer.Exit(report.exit_status(found, strict=strict))
+
+
+def _print_scores(scores: Any, data: Any) -> None:
     metrics = list(dict.fromkeys(metric for row in scores.values() for metric in row))
     table: list[tuple[str, ...]] = [("metric", *scores)]
     for metric in metrics:
         table.append((metric, *(_short(row.get(metric)) for row in scores.values())))
     _print_table(table)
-    if "stopped" in done.data:
-        for controller, reason in zip(done.data["controller"].values, done.data["stopped"].values, strict=True):
+    if "stopped" in data:
+        for controller, reason in zip(data["controller"].values, data["stopped"].values, strict=True):
             if reason:
                 print(f"{controller}: {reason}")
 

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from models.actuator import Delayed, Lagged, RateLimited, Saturated
 from models.plant import Plant, signals
 from models.point_mass import PointMass
 from models.quantity import InvalidValue, declared, part, quantity
@@ -232,7 +233,15 @@ PLANTS: dict[str, Plant] = {
     f"{reading} {line}": PointMass(reading=reading, line=line)
     for reading in ("metro", "seconds", "printed")
     for line in ("hilly", "flat")
-} | {"disturbed": Inner(), "nested": Outer(), "looks at its numbers": Looking()}
+} | {
+    "disturbed": Inner(),
+    "nested": Outer(),
+    "looks at its numbers": Looking(),
+    "behind actuators": Saturated(
+        plant=Lagged(plant=Delayed(plant=PointMass(), samples=2), time_constant=0.5), lower=-400.0, upper=1000.0
+    ),
+    "rate": RateLimited(plant=PointMass(line="flat"), rate=1e4),
+}
 
 
 def point(plant: Plant, draw: np.random.Generator, spread: float) -> tuple[dict[str, float], list[list[float]]]:
@@ -242,8 +251,10 @@ def point(plant: Plant, draw: np.random.Generator, spread: float) -> tuple[dict[
     values += [[float(draw.normal()) for _ in plant.disturbances], [float(draw.integers(0, 2000))]]
     names = [row.name for row in rows.signals if row.kind in ("state", "input", "disturbance")] + ["k"]
     known = dict(zip(names, [one for group in values for one in group], strict=True))
-    short = {"sampling_time": "T_s"}
-    return known | {short.get(p.field, p.field.replace(".", "_")): p.value for p in rows.parameters}, values
+    for row in rows.parameters:
+        last = row.field.rpartition(".")[2]
+        known |= {row.field.replace(".", "_"): row.value, {"sampling_time": "T_s"}.get(last, last): row.value}
+    return known, values
 
 
 @pytest.mark.parametrize("name", PLANTS)
