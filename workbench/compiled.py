@@ -16,8 +16,11 @@ import casadi as ca
 from platformdirs import user_cache_path
 
 from models.quantity import InvalidValue
+from workbench.generated import tightened
 
-FLAGS = ("-O3", "-ffp-contract=off", "-shared", "-fPIC")
+# No flag changes a result: sums keep their order, and nothing is assumed of NaN or infinity.
+FLAGS = ("-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fno-semantic-interposition")
+SHARED = ("-shared", "-fPIC")
 CACHE_VARIABLE = "WORKBENCH_CACHE"
 log = logging.getLogger("workbench")
 
@@ -62,13 +65,13 @@ def compiled(function: ca.Function) -> ca.Function:
         generator = ca.CodeGenerator(source.name, {"with_header": False})
         generator.add(function)
         generator.generate(f"{build}{os.sep}")
-        recipe = "\n".join([source.read_text(), command, *FLAGS, platform.machine(), ca.CasadiMeta.version()])
+        source.write_text(tightened(source.read_text()))
+        recipe = "\n".join([source.read_text(), command, *FLAGS, *SHARED, platform.machine(), ca.CasadiMeta.version()])
         library = folder / f"{function.name()}-{hashlib.sha256(recipe.encode()).hexdigest()[:32]}.so"
         if not library.exists():
             built = Path(build) / library.name
-            made = subprocess.run(
-                [command, *FLAGS, "-o", str(built), str(source), "-lm"], capture_output=True, text=True, check=False
-            )
+            call = [command, *FLAGS, *SHARED, "-o", str(built), str(source), "-lm"]
+            made = subprocess.run(call, capture_output=True, text=True, check=False)
             if made.returncode != 0:
                 first = (made.stderr.strip() or "no message").splitlines()[0]
                 _say_once(f"the C compiler {command} failed ({first}): running on CasADi's virtual machine")

@@ -17,9 +17,11 @@ import numpy as np
 from models.plant import Plant, stacked
 from models.quantity import InvalidValue, symbolised
 from workbench.controller import Estimating, Learning, Placing, Stateful, Task, Telling, Trial
+from workbench.generated import SAMPLES
 
 MEMORY = "memory_"
 ROWS = ("u", "x", "y", "estimate", "applied", "told")
+TOGETHER = 2**19  # numbers of trials' records that lie together: from 4 MB on, memory comes in large pages
 UNROLLED = 20  # samples folded into one function; larger saves calls, and costs compile time
 
 
@@ -275,9 +277,11 @@ def _folded(
     mapped += [(symbol, p[index]) for index, symbol in enumerate(symbols.values())]
     everything = ca.vertcat(*(ca.vec(result) for result in results))
     mapped = [(symbol, value) for symbol, value in mapped if symbol.numel() and ca.depends_on(everything, symbol)]
+    mapped.sort(key=lambda pair: pair[1].shape[1] == 1)  # those that are the same at every sample come last
     one = ca.Function("sample", [sample.x, *sample.state, *(symbol for symbol, _ in mapped)], results)
     accumulated = 1 + len(sample.state)
-    fold = one.mapaccum("samples", samples, accumulated, {"base": UNROLLED})
+    fixed = sum(value.shape[1] == 1 for _, value in mapped)
+    fold = one.mapaccum(f"{SAMPLES}_{accumulated}_{fixed}", samples, accumulated, {"base": UNROLLED})
     handed = [value if value.shape[1] == samples else ca.repmat(value, 1, samples) for _, value in mapped]
     folded = fold.call([begin, *ready, *handed])
     return _Folded(folded[0], _like(ready, folded[1:accumulated]), *folded[-3:])
@@ -316,33 +320,40 @@ def stream(
     p = np.array(fold.values if values is None else values, dtype=float)
     r = np.asarray(reference, dtype=float)
     begun = fold.start.call({"r": ca.DM(r), "sampling_time": fold.plant.sampling_time, "p": ca.DM(p)})
-    memory = [_flat(begun[name].full()) for name in fold.memory]
-    spare = [np.empty_like(field) for field in memory]
-    buffer: Any
-    buffer, trigger = function.buffer()
-    shapes = {name: function.size_out(index) for index, name in enumerate(function.name_out())}
-    taken, given = len(memory), list(function.name_in())
-    x_end = np.empty(len(fold.plant.states))
-    fixed = {"r": _flat(r), "p": p}
-    _hand(buffer.set_arg, given, fixed)
-    carried: Any = None
-    for one in trials:
-        x0 = carried if carry_state and carried is not None else np.array(one.x0, dtype=float)
-        inputs = {"x0": x0, "length": np.array([float(one.length)]), "w": _flat(one.w), "noise": _flat(one.noise)}
-        left = {name: np.empty(shapes[name][0] * shapes[name][1]) for name in (*ROWS, "mse")}
-        for index in range(taken):
-            buffer.set_arg(index, memoryview(memory[index]))
-            buffer.set_res(index, memoryview(spare[index]))
-        _hand(buffer.set_arg, given, inputs)
-        _hand(buffer.set_res, list(function.name_out()), {**left, "x_end": x_end})
-        trigger()
-        memory, spare = spare, memory
-        carried = x_end.copy()
-        rows = {name: left[name].reshape(shapes[name], order="F") for name in ROWS}
-        kept = (
-            [field.reshape(fold.start.size_out(i), order="F") for i, field in enumerate(spare)] if keep_memory else []
+    first = {name: _flat(begun[name].full()) for name in fold.memory}
+    second = {name: np.empty_like(field) for name, field in first.items()}
+    given = {name: np.zeros(function.size_in(name)).ravel() for name in ("x0", "length", "w", "noise")}
+    told = {"r": _flat(r), "p": p}  # buffers keep no reference: what they are handed must outlive them
+    shapes = {name: function.size_out(name) for name in (*ROWS, "mse", "x_end")}
+    ends = np.cumsum([0, *(rows * columns for rows, columns in shapes.values())])
+    left = np.empty(ends[-1])
+    parts = {name: slice(*ends[i : i + 2]) for i, name in enumerate(shapes)}
+    results = {name: left[part] for name, part in parts.items()}
+    together = 1 + TOGETHER // left.size
+    shelf: Any = None
+    triggers = []  # the memory goes to and fro between two sets of arrays
+    for now, then in ((first, second), (second, first)):
+        buffer, trigger = function.buffer()
+        _hand(buffer.set_arg, function.name_in(), {**now, **given, **told})
+        _hand(buffer.set_res, function.name_out(), {**{f"{n}_next": a for n, a in then.items()}, **results})
+        triggers.append((buffer, trigger))
+    for index, one in enumerate(trials):
+        given["x0"][:] = results["x_end"] if carry_state and index else one.x0
+        given["length"][0] = one.length
+        for name, values_of_trial in (("w", one.w), ("noise", one.noise)):
+            if given[name].size:
+                given[name][:] = np.ravel(values_of_trial, order="F")
+        triggers[index % 2][1]()
+        if index % together == 0:
+            shelf = np.empty((together, left.size))
+        kept = shelf[index % together]
+        kept[:] = left
+        rows = {name: kept[parts[name]].reshape(shapes[name], order="F") for name in ROWS}
+        memory = (second if index % 2 else first) if keep_memory else {}
+        kept_memory = tuple(
+            memory[name].reshape(fold.start.size_out(i), order="F").copy() for i, name in enumerate(memory)
         )
-        yield TrialRecord(**rows, mse=float(left["mse"][0]), memory=tuple(field.copy() for field in kept))
+        yield TrialRecord(**rows, mse=float(kept[parts["mse"]][0]), memory=kept_memory)
 
 
 def _flat(values: Any) -> Any:
