@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from models.discretise import rk4
-from models.line import FLAT, Line
+from models.line import Line
 from models.plant import Plant, signals
-from models.quantity import choice, declared, quantity
+from models.quantity import declared, part, quantity
 
 PATENT_LINE = Line(
     grade_starts_m=(200, 500, 900, 1200),
@@ -24,7 +24,6 @@ PATENT_LINE = Line(
     tunnel_ends_m=(1000,),
     length=1500,
 )
-LINES = {"metro": PATENT_LINE, "flat": FLAT}
 
 
 @declared
@@ -40,7 +39,7 @@ class MetroLine(Plant):
     inputs = signals(force=("N/kg", "traction (+) or braking (-) force per unit mass"))
     outputs = signals(position=("m", "position of the train's front"), speed=("m/s", "speed"))
 
-    line: Line = choice(default="metro", options=LINES, doc="the line's grades, curves and tunnels")
+    line: Line = part(default=PATENT_LINE, doc="the line's grades, curves and tunnels")
     sampling_time: float = quantity(default=0.1, unit="s", doc="sampling time", above=0)
     length: float = quantity(default=100.0, unit="m", doc="length of the train", above=0)
     input_gain: float = quantity(default=1.0, unit="1", doc="b, force that acts over force commanded", above=0)
