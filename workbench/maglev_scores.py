@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from scipy.integrate import trapezoid
 
 from workbench.study import Scores
 
@@ -31,7 +32,7 @@ def sections(study: Any, data: xr.Dataset) -> dict[str, Any]:
 def itae(study: Any, data: xr.Dataset, controller: str) -> Any:
     """Return the integral of t |e_x| over every period in m s^2, t from the period's beginning; shape (periods,)."""
     weighted = seconds(study, data) * np.abs(data["error"].sel(controller=controller).values)
-    return np.trapezoid(weighted, dx=float(study.plant.sampling_time), axis=1)
+    return trapezoid(weighted, dx=float(study.plant.sampling_time), axis=1)
 
 
 def energy(data: xr.Dataset, controller: str) -> Any:

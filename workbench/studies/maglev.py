@@ -1,4 +1,4 @@
-"""The maglev study: periodic adaptive learning control of a shuttle, Zhang, Nan, Cao et al. (Beijing Jiaotong Univ.)."""
+"""The maglev study: periodic adaptive learning control of a shuttle, Zhang, Nan, Cao et al."""
 
 from __future__ import annotations
 
@@ -52,9 +52,7 @@ class MaglevStudy:
         doc="paper that it follows",
     )
     plant: Maglev = part(default=Maglev(), doc="the train on its line")
-    line: str = choice(
-        default="paper", options=("paper", "flat"), doc="plant.line, or a line without grades and curves"
-    )
+    line: str = choice(default="paper", options=("paper", "flat"), doc="plant.line, or one without grades and curves")
     reference: Shuttle = part(default=Shuttle(), doc="position and speed to follow")
     controllers: Mapping[str, Any] = part(
         default={"pid": ShuttlePID(), "palc": PALC(), "palc-filtered": FilteredPALC()}, doc="the controllers by name"
