@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from verification.verdict import Finding, Standing
+
 
 class Loop(NamedTuple):
     """What the prediction needs: gains in 1/s, lag and dead time in s, and the filter and lead of the learning."""
@@ -66,12 +68,30 @@ def worst(period: float, loop: Loop) -> tuple[float, float]:
 
 
 def observed(S: Any, period: float, w: float, last: int = 5, half_width: int = 3) -> float:
-    """Return the growth a period of the part of S around w rad/s: geometric mean over the last periods.
+    """Return the growth a period of the change of S around w rad/s: geometric mean over the last periods.
 
-    S has shape (periods, samples): a whole number of samples a period.
+    S has shape (periods, samples), the samples making up one period. Its change from period to period follows the
+    same recursion and is free of what a filtered law leaves for ever. NaN where there are fewer than three periods.
     """
+    S = np.diff(S, axis=0)
+    if S.shape[0] < 2:
+        return float("nan")
     line = round(w * period / (2 * np.pi))
     lines = slice(max(1, line - half_width), line + half_width + 1)
     size = np.linalg.norm(np.abs(np.fft.rfft(S, axis=1))[:, lines], axis=1)
     count = min(last, size.size - 1)
     return float((size[-1] / size[-1 - count]) ** (1 / count))
+
+
+def sampled_gain(alpha: float, k: float, mass: float, step: float) -> Finding:
+    """Tell whether S+ = S - step (alpha + k/M) S is stable, k in N per m/s, and the largest step that would be."""
+    largest = 2 / (alpha + k / mass)
+    in_one = alpha / (alpha + k / mass**2)
+    return Finding(
+        standing=Standing.PROVED if largest > step else Standing.REFUTED,
+        method="exact: the pole of S under a held force is 1 - step (alpha + k/M), stable for step (alpha + k/M) < 2; "
+        f"read as a gain per mass (k/M^2) it would shrink S to a share of {in_one:.1g} in a single period",
+        margin=largest - step,
+        unit="s",
+        witness={"k": k, "step": step, "pole": 1 - step * (alpha + k / mass), "largest_step": largest},
+    )

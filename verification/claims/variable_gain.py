@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,9 @@ from models.quantity import is_declared
 from verification.direct_term import contraction, relative_degree, spectral_radius
 from verification.examination import Examination, Figure, Table
 from verification.initial_state import initial_factor
+from verification.variants import Variants
 from verification.verdict import Claim, Finding, Standing, Verdict, undecided
-from workbench import settings
-from workbench.campaign import Campaign, run
+from workbench.campaign import Campaign
 from workbench.controllers.fixed_gain import FixedGain
 from workbench.plots_variable_gain import errors_by_trial
 from workbench.studies.variable_gain import peaks
@@ -27,23 +27,9 @@ POSITION, SPEED = 0.01, 5e-4
 """What counts as converged after all trials, m and m/s."""
 
 
-class Evidence:
-    """A campaign of the study, and variants of it that are run when a check asks for them."""
-
-    def __init__(self, campaign: Campaign) -> None:
-        self.campaign, self.study = campaign, campaign.study
-        self.variant = cache(self._variant)
-
-    def _variant(self, *assignments: str, laws: tuple[tuple[str, Any], ...] = ()) -> Campaign:
-        study = settings.assigned(self.study, assignments)
-        if laws:
-            study = dataclasses.replace(study, controllers=dict(laws))
-        return run(study, show_progress=False)
-
-
 def examine(campaign: Campaign, *, full: bool = False) -> Examination:
     """Return the claims on a campaign of the variable-gain study, with tables and conclusion."""
-    evidence = Evidence(campaign)
+    evidence = Variants(campaign)
     plant, laws = campaign.study.trial_study.plant, campaign.study.controllers
     claims = [
         Claim(
@@ -141,7 +127,7 @@ def gains(law: Any) -> tuple[float, float]:
     return (float(law.lam), float(law.lam)) if hasattr(law, "lam") else (float(law.lam_min), 1.0)
 
 
-def position_only(evidence: Evidence) -> Finding:
+def position_only(evidence: Variants) -> Finding:
     """Run a law that learns from the slope of the position error."""
     law = FixedGain(lam=1.0, learns="position")
     data = evidence.variant("noise.speed_sigma=0", laws=(("position", law),)).data
@@ -169,7 +155,7 @@ def position_only(evidence: Evidence) -> Finding:
     )
 
 
-def initial_state_ratio(evidence: Evidence, name: str) -> Finding:
+def initial_state_ratio(evidence: Variants, name: str) -> Finding:
     """Differentiate the law's own equations, and look at the run."""
     law = evidence.study.trial_study.controllers[name]
     factor = initial_factor(law)
@@ -194,7 +180,7 @@ def starts(seed: int) -> Any:
     return np.random.default_rng([seed, STARTS]).uniform([-20, -2], [20, 2], (STARTS, 2))
 
 
-def global_initial_convergence(evidence: Evidence, name: str) -> Finding:
+def global_initial_convergence(evidence: Variants, name: str) -> Finding:
     """Run the study from every random start."""
     worst: dict[str, Any] = {"excess": -np.inf}
     for position, speed in starts(evidence.study.seed):
@@ -219,7 +205,7 @@ def global_initial_convergence(evidence: Evidence, name: str) -> Finding:
     )
 
 
-def initial_learning_needed(evidence: Evidence) -> Finding:
+def initial_learning_needed(evidence: Variants) -> Finding:
     """Run the study without initial-state learning."""
     data = evidence.variant("initial_learning=false", "noise.speed_sigma=0").data
     last = {
@@ -242,14 +228,14 @@ def initial_learning_needed(evidence: Evidence) -> Finding:
     )
 
 
-def _variable(evidence: Evidence) -> Any:
+def _variable(evidence: Variants) -> Any:
     found = [law for law in evidence.study.controllers.values() if hasattr(law, "lam_min")]
     if not found:
         raise ValueError("the study has no law with a variable gain")
     return found[0]
 
 
-def noisy(evidence: Evidence) -> dict[str, float]:
+def noisy(evidence: Variants) -> dict[str, float]:
     """Return the largest speed error of the last trial under noise: variable, smoothed, fixed at lam_min and at 1."""
     law = _variable(evidence)
     laws = {
@@ -262,7 +248,7 @@ def noisy(evidence: Evidence) -> dict[str, float]:
     return {name: float(peaks(data, name, "error_speed")[-1]) for name in laws}
 
 
-def noise_claim(evidence: Evidence) -> Finding:
+def noise_claim(evidence: Variants) -> Finding:
     """Compare the last trial's true speed error under noise."""
     last = noisy(evidence)
     margin = last["fixed-lam_min"] - last["variable"]
@@ -277,7 +263,7 @@ def noise_claim(evidence: Evidence) -> Finding:
     )
 
 
-def faster_than_fixed(evidence: Evidence) -> Finding:
+def faster_than_fixed(evidence: Variants) -> Finding:
     """Compare the trials to tolerance of the variable gain and of a fixed gain of 1."""
     law = _variable(evidence)
     laws = (("variable", law), ("fixed", FixedGain(lam=1.0, lam0=law.lam0)))
@@ -296,7 +282,7 @@ def faster_than_fixed(evidence: Evidence) -> Finding:
     )
 
 
-def mismatch_limit(evidence: Evidence) -> Finding:
+def mismatch_limit(evidence: Variants) -> Finding:
     """Run a fixed gain of 1 on a train whose input gain is 2.1 times the assumed one."""
     campaign = evidence.variant("gain_mismatch=2.1", "noise.speed_sigma=0", laws=(("fixed", FixedGain(lam=1.0)),))
     peaked = peaks(campaign.data, "fixed", "error_speed")
@@ -344,7 +330,7 @@ def conclude(verdicts: Sequence[Verdict]) -> Sequence[str]:
     return said
 
 
-def _figures(evidence: Evidence) -> Mapping[str, Figure]:
+def _figures(evidence: Variants) -> Mapping[str, Figure]:
 
     def drawn(*assignments: str) -> Callable[[], Any]:
         return lambda: errors_by_trial(evidence.variant(*assignments).data)
@@ -365,7 +351,7 @@ def _figures(evidence: Evidence) -> Mapping[str, Figure]:
     }
 
 
-def _tables(evidence: Evidence) -> Sequence[Table]:
+def _tables(evidence: Variants) -> Sequence[Table]:
     scores = evidence.campaign.scores()
     first = next(name for name, law in evidence.study.controllers.items() if is_declared(law))
     own = scores[first]

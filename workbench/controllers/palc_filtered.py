@@ -31,7 +31,7 @@ class FilteredPALC:
 
     Learning happens between periods, so the whole last period is at hand: Q is a zero-phase low-pass filter, and the
     lead makes up for lag and dead time between command and force. What would lie beyond the period's end is taken
-    from its beginning. Where the force commanded exceeds ``limit``, nothing is learned.
+    from its beginning. Nothing is learned where the force commanded reaches ``limit``, at the sample or a lead later.
     """
 
     source: ClassVar[str] = "ours, after Zhang, Nan, Cao et al., PALC of a maglev train, (12)-(13)"
@@ -78,11 +78,12 @@ class FilteredPALC:
 
     def learn(self, memory: Memory, trial: Trial) -> Memory:
         """Return what was learned, as the next period will read it."""
-        s = errors(trial.r, trial.y, self.lam).s[:, :-1]
-        if self.limit is not None:
-            s = ca.if_else(ca.fabs(trial.u) < self.limit, s, 0)
         ahead = round(self.lead_s / self.model.sampling_time)
-        d_hat = memory.d_hat - self.gamma * self.model.mass * _turned(s, ahead)
+        s = _turned(errors(trial.r, trial.y, self.lam).s[:, :-1], ahead)
+        if self.limit is not None:
+            free = ca.fabs(trial.u) < self.limit
+            s = ca.if_else(ca.logic_and(free, _turned(free, ahead)), s, 0)
+        d_hat = memory.d_hat - self.gamma * self.model.mass * s
         if self.q_cutoff_hz is not None:
             wrap = d_hat.shape[1] // WRAP
             wide = ca.horzcat(d_hat[:, -wrap:], d_hat, d_hat[:, :wrap])
