@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from models.plant import Plant
-from models.quantity import declared, quantity
+from models.quantity import declared, given, quantity
 
 
 class Noise(Protocol):
@@ -19,17 +19,18 @@ class Noise(Protocol):
 
 @declared
 class SpeedNoise:
-    """White Gaussian noise on the measured speed (the study's first output)."""
+    """White Gaussian noise on the measured speed (the study's first output unless ``row`` says otherwise)."""
 
     speed_sigma: float = quantity(
         default=0.0, unit="output units", doc="standard deviation of the speed noise", least=0
     )
+    row: int = given(default=0, doc="which of the outputs is the speed")
 
     def draw(self, outputs: int, samples: int, rng: np.random.Generator) -> Any:
-        """Return one trial's noise, shape (outputs, samples); zero on all but the first output."""
+        """Return one trial's noise, shape (outputs, samples); zero on all outputs but the speed."""
         noise = np.zeros((outputs, samples))
         if self.speed_sigma > 0:
-            noise[0] = rng.normal(0.0, self.speed_sigma, samples)
+            noise[self.row] = rng.normal(0.0, self.speed_sigma, samples)
         return noise
 
 

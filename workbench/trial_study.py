@@ -17,7 +17,7 @@ from models.reference import Given
 from workbench.compiled import compiled
 from workbench.controller import Choosy, Controller, Telling
 from workbench.disturbance import AtRest, SpeedNoise, Undisturbed
-from workbench.fold import Fold, TrialInput, build, stream
+from workbench.fold import Fold, TrialInput, TrialRecord, build, stream
 from workbench.metrics import trial_scores
 from workbench.study import Progress, Scores
 from workbench.trial_length import TrialLength
@@ -68,6 +68,9 @@ class TrialStudy:
     continues: bool = given(default=False, doc="whether a trial begins in the state that the last one ended in")
     sweeps: tuple[Sweep, ...] = given(default=(), doc="fields varied besides")
     scorers: tuple[Callable[[Any, xr.Dataset], Scores], ...] = given(default=(), doc="metrics beyond the common ones")
+    watch: Callable[[], Callable[[TrialRecord, Any], str | None]] | None = given(
+        default=None, doc="makes a further watch: given a trial and the reference, why the law has diverged, or None"
+    )
     drawings: Callable[[Any, xr.Dataset], Mapping[str, Callable[[], Any]]] | None = given(default=None, doc="figures")
 
     def check(self) -> None:
@@ -159,17 +162,20 @@ class TrialStudy:
             for sweep, name, value in sweeps:
                 law = dataclasses.replace(self.controllers[name], **{sweep.field: value})
                 values = folds[name].values_of(law)
-                mse = [left.mse for left in self._run(folds[name], machine[name], inputs, advance, values)]
-                last[sweep.field, name, value] = np.nan if self._diverged(mse[-1]) else mse[-1]
+                *_, (left, reason) = self._run(folds[name], machine[name], inputs, advance, values)
+                last[sweep.field, name, value] = np.nan if reason else left.mse
         record.refuse(refused)
         return record.dataset(last)
 
     def _run(self, fold: Fold, machine: Any, inputs: Any, advance: Any, values: Any = None) -> Any:
+        """Yield every trial's record with the reason why the law has diverged in it, or None, and stop there."""
+        r, watch = self.reference_samples, self.watch() if self.watch else None
         for done, left in enumerate(
-            stream(fold, self.reference_samples, inputs, trial=machine, values=values, carry_state=self.continues), 1
+            stream(fold, r, inputs, trial=machine, values=values, carry_state=self.continues), 1
         ):
-            yield left
-            if self._diverged(left.mse):
+            reason = self._diverged(left.mse) or (watch(left, r) if watch else None)
+            yield left, reason
+            if reason:
                 advance(self.trials - done + 1)
                 return
             advance(1)
@@ -229,7 +235,7 @@ class _Record:
     def fill(self, name: str, lefts: Any) -> None:
         """Take one controller's trials as they come."""
         at, plant, r = self.names.index(name), self.study.plant, self.study.reference_samples
-        for trial, left in enumerate(lefts):
+        for trial, (left, reason) in enumerate(lefts):
             end = self.inputs[trial].length + 1
             for i, signal in enumerate(plant.outputs):
                 suffix = "" if i == 0 else f"_{signal.name}"
@@ -246,7 +252,6 @@ class _Record:
             if left.estimate.size:
                 self.rows["ppd_estimate"][at, trial, :-1] = left.estimate[0]
             self.mse[at, trial] = left.mse
-            reason = self.study._diverged(left.mse)
             if reason:
                 self.diverged[at] = trial + 1
                 self.stopped[at] = f"diverged at trial {trial + 1}: {reason}"
@@ -291,8 +296,9 @@ class _Record:
                 axes[:2],
                 self.mse,
                 {
-                    "units": f"({plant.outputs[0].unit})^2",
-                    "long_name": "mean square error over samples 1..trial_length",
+                    "units": " + ".join(dict.fromkeys(f"({signal.unit})^2" for signal in plant.outputs)),
+                    "long_name": "mean square error over samples 1..trial_length"
+                    + (", summed over outputs" if len(plant.outputs) > 1 else ""),
                 },
             ),
             "diverged_at_trial": (

@@ -1,0 +1,53 @@
+"""D-type ILC with a fixed gain and initial-state learning: what a variable gain is compared with."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, NamedTuple
+
+import casadi as ca
+
+from models.quantity import choice, declared, quantity, switch
+from workbench.controller import Task, Trial, known
+
+
+class Memory(NamedTuple):
+    """The plan of the trial to come, (1, N), what the start was moved by, (outputs, 1), and the sampling time."""
+
+    F: Any
+    moved: Any
+    sampling_time: Any
+
+
+@declared
+class FixedGain:
+    """F <- F + lam d/dt e_v, x(0) <- x(0) + lam0 e(0); outputs are position and speed.
+
+    Ours: d/dt as the forward difference over a sample, F_0 the reference's acceleration.
+    """
+
+    source: ClassVar[str] = "Nanjing Institute of Technology, patent application 2017, (3), (5), with a constant gain"
+
+    lam: float = quantity(default=1.0, unit="1", doc="learning gain", above=0)
+    lam0: float = quantity(default=0.6, unit="1", doc="lambda_0, gain of initial-state learning", above=0, below=2)
+    learns: str = choice(default="speed", options=("speed", "position"), doc="the output whose slope is learned from")
+    initial_learning: bool = switch(default=True, doc="whether the initial state is learned")
+
+    def start(self, task: Task) -> Memory:
+        """Return the reference's acceleration, mean over every sample, and a start that was not moved."""
+        v = task.reference[1, :]
+        return Memory((v[1:] - v[:-1]) / task.sampling_time, ca.DM.zeros(2, 1), task.sampling_time)
+
+    def place(self, memory: Memory, x0: Any) -> Any:
+        """Return the initial state: position and speed as learned."""
+        return x0 + memory.moved
+
+    def act(self, memory_k: Memory, state: Any, r: Any, r_next: Any, y: Any) -> tuple[Any, Any]:
+        """Return the planned force."""
+        return memory_k.F, state
+
+    def learn(self, memory: Memory, trial: Trial) -> Memory:
+        """Return plan and start for the next trial."""
+        e = known(trial.reached, trial.e[1 if self.learns == "speed" else 0, :])
+        F = memory.F + self.lam * known(trial.reached[1:], e[1:] - e[:-1]) / memory.sampling_time  # (3)
+        moved = memory.moved + self.lam0 * trial.e[:, 0] if self.initial_learning else memory.moved  # (5)
+        return Memory(F, moved, memory.sampling_time)

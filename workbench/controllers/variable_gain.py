@@ -1,0 +1,85 @@
+"""D-type ILC whose gain grows with the error, with initial-state learning (patent, Nanjing Inst. of Tech., 2017)."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, NamedTuple
+
+import casadi as ca
+
+from models.plant import Signal, signals
+from models.quantity import declared, quantity, switch
+from workbench import zero_phase
+from workbench.controller import Task, Trial, known
+
+
+class Memory(NamedTuple):
+    """The plan of the trial to come, (1, N), what the start was moved by, (outputs, 1), and the sampling time."""
+
+    F: Any
+    moved: Any
+    sampling_time: Any
+
+
+@declared
+class VariableGain:
+    """F <- F + lambda_k(t) d/dt e_v, x(0) <- x(0) + lambda_0 e(0); outputs are position and speed.
+
+    Ours, where the published text is silent or lost: the modifier lambda = lam_min + (1 - lam_min)/(1 + exp(-
+    steepness (|e_v|/E|e_v| - 1))), computed from the measured speed error of the same sample, and lam_min where
+    E|e_v| is 0; d/dt as the forward difference over a sample, divided by the nominal input gain 1; F_0 the
+    reference's acceleration; smoothing of |e_v| by a zero-phase low-pass filter as wide as a moving average of
+    ``smoothing_s``.
+    """
+
+    source: ClassVar[str] = "Nanjing Institute of Technology, patent application 2017, (3)-(6)"
+    tells: ClassVar[tuple[Signal, ...]] = signals(learning_gain=("1", "learning gain lambda"))
+
+    lam_min: float = quantity(default=0.3, unit="1", doc="least learning gain", above=0, most=1)
+    steepness: float = quantity(default=5.0, unit="1", doc="steepness of the modifier", above=0)
+    lam0: float = quantity(default=0.6, unit="1", doc="lambda_0, gain of initial-state learning", above=0, below=2)
+    smoothing_s: float = quantity(
+        default=0.0, unit="s", doc="time over which |e_v| is smoothed; 0: not", least=0, structural=True
+    )
+    initial_learning: bool = switch(default=True, doc="whether the initial state is learned")
+
+    def start(self, task: Task) -> Memory:
+        """Return the reference's acceleration, mean over every sample, and a start that was not moved."""
+        v = task.reference[1, :]
+        return Memory((v[1:] - v[:-1]) / task.sampling_time, ca.DM.zeros(2, 1), task.sampling_time)
+
+    def place(self, memory: Memory, x0: Any) -> Any:
+        """Return the initial state: position and speed as learned."""
+        return x0 + memory.moved
+
+    def act(self, memory_k: Memory, state: Any, r: Any, r_next: Any, y: Any) -> tuple[Any, Any]:
+        """Return the planned force."""
+        return memory_k.F, state
+
+    def learn(self, memory: Memory, trial: Trial) -> Memory:
+        """Return plan and start for the next trial."""
+        e_v = known(trial.reached, trial.e[1, :])
+        slope = known(trial.reached[1:], e_v[1:] - e_v[:-1]) / memory.sampling_time
+        F = memory.F + self.gain(memory, trial) * slope  # (3)
+        moved = memory.moved + self.lam0 * trial.e[:, 0] if self.initial_learning else memory.moved  # (5)
+        return Memory(F, moved, memory.sampling_time)
+
+    def tell(self, memory: Memory, trial: Trial) -> Any:
+        """Return the gain that the trial is learned from with."""
+        return (self.gain(memory, trial),)
+
+    def gain(self, memory: Memory, trial: Trial) -> Any:
+        """Return lambda_k(t), (1, N), between lam_min and 1."""
+        size = ca.fabs(known(trial.reached, trial.e[1, :]))
+        mean = ca.sum2(size) / ca.sum2(trial.reached)
+        if self.smoothing_s > 0:
+            size = zero_phase.low_pass(size, 0.603 / self.smoothing_s, memory.sampling_time)
+        share = size[:-1] / ca.if_else(mean > 0, mean, 1)
+        lam = self.lam_min + (1 - self.lam_min) / (1 + ca.exp(-self.steepness * (share - 1)))  # (4), ours
+        return ca.if_else(mean > 0, lam, self.lam_min)
+
+    def refusal(self, study: Any) -> str | None:
+        """Return the refusal of a smoothing that is too short for the sampling time."""
+        least = 2 * 0.603 * float(study.plant.sampling_time)
+        if 0 < self.smoothing_s <= least:
+            return f"smoothing_s must be 0 or above {least:g} s, got {self.smoothing_s:g}"
+        return None

@@ -1,0 +1,42 @@
+"""What the laws of the maglev shuttle share: errors, and the force without any learning or integral."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+from models.maglev import Maglev
+
+
+class Errors(NamedTuple):
+    """Position error, speed error and S = e_v + lam e_x, output minus reference as in the paper."""
+
+    x: Any
+    v: Any
+    s: Any
+
+
+def errors(r: Any, y: Any, lam: Any) -> Errors:
+    """Return the errors (8)-(10) of measured position and speed y against the reference r, row by row."""
+    e_x, e_v = y[0, :] - r[0, :], y[1, :] - r[1, :]  # (8), (9)
+    return Errors(e_x, e_v, e_v + lam * e_x)  # (10)
+
+
+def base_force(model: Maglev, e: Errors, acceleration: Any, v: Any, alpha: Any, lam: Any) -> Any:
+    """Return M dv_d/dt + D(v) - M [(alpha + lam) e_v + alpha lam e_x] in N: feed-forward, compensation and PD."""
+    feedback = (alpha + lam) * e.v + alpha * lam * e.x
+    return model.mass * (acceleration - feedback) + model.running_resistance(v)  # (12) without the learned part
+
+
+def late_by(samples: int, before: Any, now: Any) -> Any:
+    """Return what the next period reads, (1, N), where the assumed period is ``samples`` samples too long.
+
+    now and before are the rows of the last period and of the one before it. Where the assumed period is too short
+    (samples below 0), the end of the period should read its own beginning; it reads that of the last period.
+    """
+    if samples == 0:
+        return now
+    if samples > 0:
+        return ca.horzcat(before[:, -samples:], now[:, :-samples])
+    return ca.horzcat(now[:, -samples:], now[:, :-samples])
