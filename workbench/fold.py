@@ -305,18 +305,25 @@ def stream(
     values: Sequence[float] | None = None,
     carry_state: bool = False,
     keep_memory: bool = False,
+    memory: Any = None,
 ) -> Iterator[TrialRecord]:
     """Run trials one after the other and yield what each left.
 
     reference has shape (ny, N + 1). ``trial`` is the compiled ``fold.trial`` (default: virtual machine), ``values``
     replaces the parameters' values, ``carry_state`` starts a trial where the last one ended, ``keep_memory`` gives each
-    record the memory that its trial was run with.
+    record the memory that its trial was run with, ``memory`` (as the law's ``start`` gives it, in numbers) replaces
+    the memory before the first trial.
     """
     function = trial or fold.trial
     p = np.array(fold.values if values is None else values, dtype=float)
     r = np.asarray(reference, dtype=float)
-    begun = fold.start.call({"r": ca.DM(r), "sampling_time": fold.plant.sampling_time, "p": ca.DM(p)})
-    memory = [_flat(begun[name].full()) for name in fold.memory]
+    if memory is None:
+        begun = fold.start.call({"r": ca.DM(r), "sampling_time": fold.plant.sampling_time, "p": ca.DM(p)})
+        memory = [begun[name] for name in fold.memory]
+    memory = [_flat(ca.DM(field).full()) for field in memory]
+    for name, field in zip(fold.memory, memory, strict=True):
+        if field.size != function.numel_in(name):
+            raise InvalidValue(f"{name} must hold {function.numel_in(name)} number(s), got {field.size}")
     spare = [np.empty_like(field) for field in memory]
     buffer: Any
     buffer, trigger = function.buffer()
