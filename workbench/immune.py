@@ -34,7 +34,7 @@ def stimulus(kind: str, u: Any, du: Any) -> Any:
     The mean of maxima jumps (at du = 0, among others); the smooth form -(tanh 2u + tanh 2du)/2 is ours.
     """
     if kind == "smooth":
-        return -(ca.tanh(2 * u) + ca.tanh(2 * du)) / 2
+        return -0.5 * (ca.tanh(2 * u) + ca.tanh(2 * du))
     return RULES.mean_of_maxima(u=u, du=du)
 
 
