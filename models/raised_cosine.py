@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ class RaisedCosines:
         """Raise InvalidValue unless the moves follow each other in time and join in speed."""
         if not self.moves or any(begin >= end for begin, end, _, _ in self.moves):
             raise InvalidValue("moves must hold at least one change that ends after it began")
-        for before, after in zip(self.moves, self.moves[1:], strict=False):
+        for before, after in pairwise(self.moves):
             if after[0] < before[1] or after[2] != before[3]:
                 raise InvalidValue(f"moves must follow each other, got {after} after {before}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import casadi as ca
@@ -28,7 +29,7 @@ class SwitchedDelay(Wrapper):
     def check(self) -> None:
         """Raise InvalidValue unless the schedule begins at step 0, rises, and its delays are 1 or more."""
         steps = [first for first, _ in self.schedule]
-        if not steps or steps[0] != 0 or any(a >= b for a, b in zip(steps, steps[1:], strict=False)):
+        if not steps or steps[0] != 0 or any(a >= b for a, b in pairwise(steps)):
             raise InvalidValue(f"schedule must begin at step 0 with rising steps, got {steps}")
         if any(delay != int(delay) or delay < 1 for _, delay in self.schedule):
             raise InvalidValue(f"schedule must hold delays of 1, 2, ... samples, got {self.schedule}")

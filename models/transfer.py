@@ -49,7 +49,9 @@ class Transfer(Plant):
     @property
     def states(self) -> Any:  # type: ignore[override]  # as many as the denominator's degree
         """The states of python-control's realisation."""
-        return tuple(Signal(f"x{i}", "1", f"state {i} of the realisation") for i in range(1, len(self._matrices[0]) + 1))
+        return tuple(
+            Signal(f"x{i}", "1", f"state {i} of the realisation") for i in range(1, len(self._matrices[0]) + 1)
+        )
 
     @property
     def inputs(self) -> Any:  # type: ignore[override]  # named by a field
@@ -76,7 +78,9 @@ class Transfer(Plant):
 
 
 @functools.cache
-def _sampled(numerator: tuple[float, ...], denominator: tuple[float, ...], sampling_time: float) -> Any:
+def _sampled(
+    numerator: tuple[float, ...], denominator: tuple[float, ...], sampling_time: float
+) -> tuple[Any, Any, Any]:
     from models.control_systems import zero_order_hold
 
     system = zero_order_hold(numerator, denominator, sampling_time)

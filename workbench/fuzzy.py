@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from functools import reduce
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -43,7 +44,7 @@ def triangle(left: float, top: float, right: float) -> Membership:
 
 
 def _rising(what: str, *corners: float) -> tuple[float, ...]:
-    if any(a >= b for a, b in zip(corners, corners[1:], strict=False)):
+    if any(a >= b for a, b in pairwise(corners)):
         raise InvalidValue(f"{what} needs corners in rising order, got {corners}")
     return corners
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import casadi as ca
 
+from models.plant import signals
 from workbench.fuzzy import Rule, Rules, s_shaped, triangle, z_shaped
 
 _SIGN = {"N": z_shaped(-1, 1), "P": s_shaped(-1, 1)}
@@ -24,6 +25,9 @@ RULES = Rules(
     ),
 )
 """The paper's four rules: the more, and the more growing, the input, the more it is suppressed."""
+
+TOLD = signals(p1=("1", "promoting factor p1"), p2=("1", "suppressing factor p2"), f=("1", "stimulus f(u, du)"))
+"""What the laws tell of every sample."""
 
 STIMULI = ("rules", "smooth")
 

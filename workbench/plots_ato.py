@@ -120,7 +120,9 @@ def comfort_energy(data: xr.Dataset) -> Any:
                 axes.axhline(target[metric], color="black", linestyle="--", label="target curve itself")
             axes.set_xticks(range(len(names)), names, rotation=25, ha="right")
             axes.set_ylabel(f"{axis_label(data[metric])}")
-            axes.set_ylim(0, 1.35 * max(high.max(), target[metric] if curve else 0.0, JERK_LIMIT / 1.2 * (axes is panels[0])))
+            axes.set_ylim(
+                0, 1.35 * max(high.max(), target[metric] if curve else 0.0, JERK_LIMIT / 1.2 * (axes is panels[0]))
+            )
         panels[0].axhline(JERK_LIMIT, color="red", linestyle=":", label="limit")
         panels[0].legend(fontsize=9, loc="upper left")
         return figure

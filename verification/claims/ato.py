@@ -298,7 +298,9 @@ def _better(data: Any, against: str, needed: float) -> Finding:
 
 def _constant_delay_jerk(study: Any) -> float:
     """Return the largest jerk of FIPID on the curve when the dead time does not switch."""
-    alone = dataclasses.replace(study, braking_delay=study.traction_delay, controllers={"fipid": study.controllers["fipid"]})
+    alone = dataclasses.replace(
+        study, braking_delay=study.traction_delay, controllers={"fipid": study.controllers["fipid"]}
+    )
     data = run(alone, show_progress=False).data
     return float(data["max_jerk"].values.max())
 

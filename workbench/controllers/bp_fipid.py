@@ -7,9 +7,10 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 import numpy as np
 
+from models.plant import Signal
 from models.quantity import InvalidValue, choice, count, declared, quantity, table
 from workbench import immune
-from workbench.controller import Task
+from workbench.controller import Task, Trial
 
 INPUTS, OUTPUTS = 4, 2
 
@@ -35,8 +36,8 @@ class Acting(NamedTuple):
     f: Any
     W2: Any
     W3: Any
-    dW2: Any
-    dW3: Any
+    W2_change: Any
+    W3_change: Any
 
 
 @declared
@@ -50,6 +51,7 @@ class BPFIPID:
     """
 
     source: ClassVar[str] = "Chu, Yu, Lin, Yuan & Jiang, BP-FIPID, steps 1-6"
+    tells: ClassVar[tuple[Signal, ...]] = immune.TOLD
 
     ki: float = quantity(default=0.3, unit="1", doc="integral coefficient ki'", least=0)
     kd: float = quantity(default=0.3, unit="1", doc="derivative coefficient kd'", least=0)
@@ -99,6 +101,10 @@ class BPFIPID:
         still = (ca.DM.zeros(self.hidden * INPUTS), ca.DM.zeros(OUTPUTS * self.hidden))
         return Acting(0, 0, 0, 0, 0, 0, 0, 0, memory.W2, memory.W3, *still)
 
+    def tell(self, memory: Memory, trial: Trial) -> Any:
+        """Return what the gain of every sample was made of: rows p1, p2, f."""
+        return trial.state.p1, trial.state.p2, trial.state.f
+
     def act(self, memory_k: Memory, state: Acting, r: Any, r_next: Any, y: Any) -> tuple[Any, Acting]:
         """Return the input, and the state with the weights that were learned at this sample."""
         r, y = r / self.output_unit, y / self.output_unit
@@ -113,8 +119,8 @@ class BPFIPID:
         direction = ca.sign((y - state.y) * (u - state.u))  # for dy(k+1)/du(k)
         delta3 = e * direction * ca.vertcat(change, -f * change) * 2 * p * (1 - p)  # output layer's gradient
         delta2 = (1 - o**2) * (W3.T @ delta3)  # hidden layer's gradient
-        dW3 = self.alpha * state.dW3 + self.beta * _row_by_row(delta3 @ o.T)  # learning of W3, step 5
-        dW2 = self.alpha * state.dW2 + self.beta * _row_by_row(delta2 @ x.T)  # learning of W2
+        dW3 = self.alpha * state.W3_change + self.beta * _row_by_row(delta3 @ o.T)  # learning of W3, step 5
+        dW2 = self.alpha * state.W2_change + self.beta * _row_by_row(delta2 @ x.T)  # learning of W2
         return u * self.input_unit, Acting(
             u, state.u, e, state.e, y, p[0], p[1], f, state.W2 + dW2, state.W3 + dW3, dW2, dW3
         )

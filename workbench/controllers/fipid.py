@@ -6,9 +6,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
+from models.plant import Signal
 from models.quantity import choice, declared, quantity
 from workbench import immune
-from workbench.controller import Task
+from workbench.controller import Task, Trial
 
 
 class Memory(NamedTuple):
@@ -38,6 +39,7 @@ class FIPID:
     """
 
     source: ClassVar[str] = "Chu, Yu, Lin, Yuan & Jiang, FIPID"
+    tells: ClassVar[tuple[Signal, ...]] = immune.TOLD
 
     K: float = quantity(default=0.3, unit="input unit/output unit", doc="speed of reaction, p1", least=0)
     eta: float = quantity(default=0.8, unit="1", doc="stabilising effect: p2 = K eta", least=0)
@@ -54,6 +56,10 @@ class FIPID:
     def ready(self, memory: Memory) -> Acting:
         """Return the state before the first sample: everything 0 (the paper's step 1)."""
         return Acting(0, 0, 0, 0, self.K, self.K * self.eta, 0)
+
+    def tell(self, memory: Memory, trial: Trial) -> Any:
+        """Return what the gain of every sample was made of: rows p1, p2, f."""
+        return trial.state.p1, trial.state.p2, trial.state.f
 
     def act(self, memory_k: Memory, state: Acting, r: Any, r_next: Any, y: Any) -> tuple[Any, Acting]:
         """Return the input and the state after a sample."""

@@ -23,13 +23,13 @@ from workbench.controller import Controller, Task
 from workbench.controllers.bp_fipid import BPFIPID
 from workbench.controllers.fipid import FIPID
 from workbench.fold import Fold, TrialInput, TrialRecord, build, stream
+from workbench.immune import TOLD
 from workbench.study import Progress, Scores
 
 STEP_SAMPLES, CURVE_SAMPLES = 200, 2175
 KICKS = (100, 110)
 BRAKING = ((1470, 1560), (1810, 2175))
 CURVE = ((0.0, 50.0, 0.0, 26.0), (294.0, 312.0, 26.0, 20.0), (362.0, 432.0, 20.0, 0.0))
-SHOWN = ("p1", "p2", "f")
 SEEDS_APART = 1000
 
 
@@ -116,9 +116,7 @@ class AtoStudy:
         for first, last in BRAKING:  # the paper's sample k is the output of step k - 2
             schedule += [(first - 2, early), (last - 1, late)]
         curve = RaisedCosines(horizon=CURVE_SAMPLES, moves=CURVE).samples(self.plant)
-        return Setting(
-            SwitchedDelay(plant=self.plant, schedule=tuple(schedule)), curve, np.zeros((1, CURVE_SAMPLES))
-        )
+        return Setting(SwitchedDelay(plant=self.plant, schedule=tuple(schedule)), curve, np.zeros((1, CURVE_SAMPLES)))
 
     def simulate(self, progress: Progress) -> xr.Dataset:
         """Run every law with every seed; see :class:`workbench.study.Study`."""
@@ -160,18 +158,7 @@ class AtoStudy:
         elif np.any(setting.added):
             raise InvalidValue(f"{type(law).__name__} has no input for the disturbance: use test=curve")
         one = TrialInput(n, np.zeros(len(setting.plant.states)), np.zeros((0, n)), np.zeros((1, n + 1)))
-        shown = [name for name in SHOWN if f"acting_{name}" in fold.trial.name_out()]
-        return next(
-            stream(
-                fold,
-                setting.reference,
-                [one],
-                trial=machine,
-                values=fold.values_of(law),
-                memory=memory,
-                acting=shown,
-            )
-        )
+        return next(stream(fold, setting.reference, [one], trial=machine, values=fold.values_of(law), memory=memory))
 
     def _indices(self, setting: Setting, y: Any) -> dict[str, float]:
         kicks = KICKS if self.test == "step" else None
@@ -188,9 +175,7 @@ class AtoStudy:
             "output": (speed.unit, speed.doc),
             "error": (speed.unit, "reference minus output"),
             "input": (self.plant.input_signal.unit, self.plant.input_signal.doc),
-            "p1": ("1", "promoting factor p1"),
-            "p2": ("1", "suppressing factor p2"),
-            "f": ("1", "stimulus f(u, du)"),
+            **{signal.name: (signal.unit, signal.doc) for signal in TOLD},
         }
         rows = {kind: np.full((len(names), self.seeds, n + 1), np.nan) for kind in kinds}
         values: dict[str, Any] = {}
@@ -200,8 +185,9 @@ class AtoStudy:
                 rows["output"][i, j] = one.y[0]
                 rows["error"][i, j] = setting.reference[0] - one.y[0]
                 rows["input"][i, j, :-1] = one.u[0]
-                for kind, row in one.acting.items():
-                    rows[kind][i, j, :-1] = row[0]
+                for signal, row in zip(getattr(self.controllers[name], "tells", ()), one.told, strict=True):
+                    if signal in TOLD:
+                        rows[signal.name][i, j, :-1] = row
                 for metric, value in self._indices(setting, one.y[0]).items():
                     values.setdefault(metric, np.full((len(names), self.seeds), np.nan))[i, j] = value
         variables: dict[str, Any] = {
