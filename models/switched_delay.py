@@ -49,7 +49,12 @@ class SwitchedDelay(Wrapper):
         n, m = len(self.plant.states), len(self.plant.inputs)
         inner, queue = x.vector[:n], x.vector[n:]
         due = self._due(queue, k, m)
-        return ca.vertcat(self.plant.next_state(inner, due, w.vector, k), queue[m:], u.vector)
+        return ca.vertcat(self.plant.next_state(inner, due, w.vector, k), ca.vertcat(queue, u.vector)[m:])
+
+    def applied(self, x: Any, u: Any, k: Any) -> Any:
+        """Return what acts inside for the command due at sample k."""
+        n, m = len(self.plant.states), len(self.plant.inputs)
+        return self.plant.applied_input(x.vector[:n], self._due(x.vector[n:], k, m), k)
 
     def _due(self, queue: Any, k: Any, m: int) -> Any:
         due = None
@@ -58,7 +63,3 @@ class SwitchedDelay(Wrapper):
             command = queue[oldest : oldest + m]
             due = command if due is None else ca.if_else(k >= first, command, due)
         return due
-
-    def applied(self, x: Any, u: Any) -> Any:
-        """Raise InvalidValue: which command acts depends on the sample, which is not given here."""
-        raise InvalidValue("a switched delay has no applied(x, u): which command acts depends on the sample")

@@ -252,7 +252,7 @@ def _sample(plant: Plant, law: Any, memory: Any, ready: Any, samples: int) -> _S
         _like(ready, [ca.if_else(going, new, old) for new, old in zip(state_next, state, strict=True)]),
         u,
         y,
-        plant.applied_input(at["x"], u) if type(plant).applied is not Plant.applied else ca.SX(0, 1),
+        plant.applied_input(at["x"], u, at["k"]) if type(plant).applied is not Plant.applied else ca.SX(0, 1),
         ca.depends_on(u, fed),
     )
 
