@@ -50,7 +50,7 @@ class BPFIPID:
     With beta = 0 the weights stay frozen at their start. A later trial begins with the same weights.
     """
 
-    source: ClassVar[str] = "Chu, Yu, Lin, Yuan & Jiang, BP-FIPID, steps 1-6"
+    source: ClassVar[str] = "Chu, Yu, Lin, Yuan & Jiang (undated copy), BP-FIPID, steps 1-6"
     tells: ClassVar[tuple[Signal, ...]] = immune.TOLD
 
     ki: float = quantity(default=0.3, unit="1", doc="integral coefficient ki'", least=0)

@@ -38,7 +38,7 @@ class FIPID:
     ``f = smooth``; units that the law computes in, so that it can drive plants of another scale.
     """
 
-    source: ClassVar[str] = "Chu, Yu, Lin, Yuan & Jiang, FIPID"
+    source: ClassVar[str] = "Chu, Yu, Lin, Yuan & Jiang (undated copy), FIPID on the plant (12)"
     tells: ClassVar[tuple[Signal, ...]] = immune.TOLD
 
     K: float = quantity(default=0.3, unit="input unit/output unit", doc="speed of reaction, p1", least=0)
