@@ -78,12 +78,12 @@ class Delayed(Wrapper):
         """Return the next state: the oldest command reaches the inner plant, the new one joins the queue."""
         n, m = len(self.plant.states), len(self.plant.inputs)
         inner, queue = x.vector[:n], x.vector[n:]
-        return ca.vertcat(self.plant.next_state(inner, queue[:m], w.vector, k), queue[m:], u.vector)
+        return ca.vertcat(self.plant.next_state(inner, queue[:m], w.vector, k), ca.vertcat(queue, u.vector)[m:])
 
-    def applied(self, x: Any, u: Any) -> Any:
+    def applied(self, x: Any, u: Any, k: Any) -> Any:
         """Return what acts inside for the oldest command."""
         n, m = len(self.plant.states), len(self.plant.inputs)
-        return self.plant.applied_input(x.vector[:n], x.vector[n : n + m])
+        return self.plant.applied_input(x.vector[:n], x.vector[n : n + m], k)
 
 
 @declared
@@ -112,10 +112,10 @@ class Lagged(Wrapper):
         follows = u.vector + (lagged - u.vector) * kept
         return ca.vertcat(self.plant.next_state(inner, self._mean(lagged, u.vector), w.vector, k), follows)
 
-    def applied(self, x: Any, u: Any) -> Any:
+    def applied(self, x: Any, u: Any, k: Any) -> Any:
         """Return what acts inside for the lagged input's mean over the sample."""
         n = len(self.plant.states)
-        return self.plant.applied_input(x.vector[:n], self._mean(x.vector[n:], u.vector))
+        return self.plant.applied_input(x.vector[:n], self._mean(x.vector[n:], u.vector), k)
 
     def _mean(self, lagged: Any, command: Any) -> Any:
         ratio = self.sampling_time / self.time_constant
@@ -146,9 +146,9 @@ class Saturated(Wrapper):
         """Return the inner plant's next state for the limited input."""
         return self.plant.next_state(x.vector, self.limited(u.vector), w.vector, k)
 
-    def applied(self, x: Any, u: Any) -> Any:
+    def applied(self, x: Any, u: Any, k: Any) -> Any:
         """Return what acts inside for the limited input."""
-        return self.plant.applied_input(x.vector, self.limited(u.vector))
+        return self.plant.applied_input(x.vector, self.limited(u.vector), k)
 
     def limited(self, u: Any) -> Any:
         """Return the inputs cut at the limits, same shape."""
@@ -179,10 +179,10 @@ class RateLimited(Wrapper):
         moved = self._moved(x.vector[n:], u.vector)
         return ca.vertcat(self.plant.next_state(x.vector[:n], moved, w.vector, k), moved)
 
-    def applied(self, x: Any, u: Any) -> Any:
+    def applied(self, x: Any, u: Any, k: Any) -> Any:
         """Return what acts inside for the input that moves towards the command."""
         n = len(self.plant.states)
-        return self.plant.applied_input(x.vector[:n], self._moved(x.vector[n:], u.vector))
+        return self.plant.applied_input(x.vector[:n], self._moved(x.vector[n:], u.vector), k)
 
     def _moved(self, before: Any, command: Any) -> Any:
         most = self.rate * self.sampling_time

@@ -75,3 +75,14 @@ def state_space(plant: Plant, x: Sequence[float], u: Sequence[float], w: Sequenc
 
 def _column(name: str, plant: Plant) -> ca.SX:
     return ca.SX.sym(name, len(plant.states))
+
+
+def zero_order_hold(numerator: Sequence[float], denominator: Sequence[float], sampling_time: float) -> Any:
+    """Return ``control.StateSpace`` of a continuous transfer function under a zero-order hold: exact, discrete time.
+
+    Coefficients are in falling powers of s.
+    """
+    import control
+
+    continuous = control.ss(control.TransferFunction(list(numerator), list(denominator)))
+    return control.c2d(continuous, sampling_time, method="zoh")

@@ -103,7 +103,7 @@ class Plant(ABC):
     def output(self, x: Any) -> Any:
         """Return the outputs (in the order of ``outputs``) at a state."""
 
-    def applied(self, x: Any, u: Any) -> Any:
+    def applied(self, x: Any, u: Any, k: Any) -> Any:
         """Return the inputs that act over a sample, given those commanded; an actuator's wrapper gives others."""
         return u
 
@@ -125,9 +125,9 @@ class Plant(ABC):
         return stacked(self.output(Values(self.states, x)), self.outputs, f"{type(self).__name__}.output")
 
     @final
-    def applied_input(self, x: Any, u: Any) -> Any:
-        """Evaluate ``applied`` on CasADi columns x (nx) and u (nu); return a column (nu)."""
-        values = self.applied(Values(self.states, x), Values(self.inputs, u))
+    def applied_input(self, x: Any, u: Any, k: Any) -> Any:
+        """Evaluate ``applied`` on CasADi columns x (nx), u (nu) and a scalar k; return a column (nu)."""
+        values = self.applied(Values(self.states, x), Values(self.inputs, u), k)
         return stacked(values, self.inputs, f"{type(self).__name__}.applied")
 
     @final

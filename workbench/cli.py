@@ -120,6 +120,35 @@ def verify(
     raise typer.Exit(report.exit_status(found, strict=strict))
 
 
+@app.command()
+def compare(
+    name: Name,
+    laws: Annotated[str | None, typer.Option(metavar="A,B,...", help="laws to compare (default: all)")] = None,
+    assignments: Settings = None,
+    seed: Seed = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="output folder (default: out/compare-STUDY)")] = None,
+    as_json: Json = False,
+) -> None:
+    """Tune laws alike on a study's plant, run them, and write one table (table.csv), run.nc, scores.json, figures/."""
+    from workbench import campaign, studies
+    from workbench import compare as comparing
+
+    study = studies.find(name)
+    folder = out or Path("out") / f"compare-{study.name}"
+    with campaign.written_together(folder):
+        pass
+    named = None if laws is None else [law.strip() for law in laws.split(",") if law.strip()]
+    seeded = [f"seed={seed}"] if seed is not None else []
+    done = comparing.compare(study, named, [*(assignments or []), *seeded])
+    times = comparing.times(done)
+    comparing.save(done, folder, times)
+    if as_json:
+        print(json.dumps(done.scores_json(), indent=2))
+        return
+    _print_table(comparing.table(done, times))
+    print(f"\nTable:    {folder / 'table.csv'} (times: times.csv)\nFigures:  {folder / 'figures'}/")
+
+
 def _print_scores(scores: Any, data: Any) -> None:
     metrics = list(dict.fromkeys(metric for row in scores.values() for metric in row))
     table: list[tuple[str, ...]] = [("metric", *scores)]

@@ -254,7 +254,7 @@ def _sample(plant: Plant, law: Any, memory: Any, ready: Any, samples: int) -> _S
         _like(ready, [ca.if_else(going, new, old) for new, old in zip(state_next, state, strict=True)]),
         u,
         y,
-        plant.applied_input(at["x"], u) if type(plant).applied is not Plant.applied else ca.SX(0, 1),
+        plant.applied_input(at["x"], u, at["k"]) if type(plant).applied is not Plant.applied else ca.SX(0, 1),
         ca.depends_on(u, fed),
     )
 
@@ -309,18 +309,25 @@ def stream(
     values: Sequence[float] | None = None,
     carry_state: bool = False,
     keep_memory: bool = False,
+    memory: Any = None,
 ) -> Iterator[TrialRecord]:
     """Run trials one after the other and yield what each left.
 
     reference has shape (ny, N + 1). ``trial`` is the compiled ``fold.trial`` (default: virtual machine), ``values``
     replaces the parameters' values, ``carry_state`` starts a trial where the last one ended, ``keep_memory`` gives each
-    record the memory that its trial was run with.
+    record the memory that its trial was run with, ``memory`` (as the law's ``start`` gives it, in numbers) replaces
+    the memory before the first trial.
     """
     function = trial or fold.trial
     p = np.array(fold.values if values is None else values, dtype=float)
     r = np.asarray(reference, dtype=float)
-    begun = fold.start.call({"r": ca.DM(r), "sampling_time": fold.plant.sampling_time, "p": ca.DM(p)})
-    first = {name: _flat(begun[name].full()) for name in fold.memory}
+    if memory is None:
+        begun = fold.start.call({"r": ca.DM(r), "sampling_time": fold.plant.sampling_time, "p": ca.DM(p)})
+        memory = [begun[name] for name in fold.memory]
+    first = {name: _flat(ca.DM(field).full()) for name, field in zip(fold.memory, memory, strict=True)}
+    for name, field in first.items():
+        if field.size != function.numel_in(name):
+            raise InvalidValue(f"{name} must hold {function.numel_in(name)} number(s), got {field.size}")
     second = {name: np.empty_like(field) for name, field in first.items()}
     given = {name: np.zeros(function.size_in(name)).ravel() for name in ("x0", "length", "w", "noise")}
     told = {"r": _flat(r), "p": p}  # buffers keep no reference: what they are handed must outlive them
@@ -349,10 +356,8 @@ def stream(
         kept = shelf[index % together]
         kept[:] = left
         rows = {name: kept[parts[name]].reshape(shapes[name], order="F") for name in ROWS}
-        memory = (second if index % 2 else first) if keep_memory else {}
-        kept_memory = tuple(
-            memory[name].reshape(fold.start.size_out(i), order="F").copy() for i, name in enumerate(memory)
-        )
+        used = (second if index % 2 else first) if keep_memory else {}
+        kept_memory = tuple(used[name].reshape(fold.start.size_out(i), order="F").copy() for i, name in enumerate(used))
         yield TrialRecord(**rows, mse=float(kept[parts["mse"]][0]), memory=kept_memory)
 
 

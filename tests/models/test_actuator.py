@@ -79,7 +79,7 @@ def test_the_input_that_acts_is_that_of_a_plain_loop(plant, oracle):
     x = ca.DM.zeros(len(plant.states))
     acted, told = [], []
     for command in COMMANDS:
-        told.append(float(plant.applied_input(x, ca.DM(command))))
+        told.append(float(plant.applied_input(x, ca.DM(command), 0)))
         after = step(x, command, [], 0)
         acted.append(float(after[0] - x[0]))
         x = after

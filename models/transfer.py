@@ -1,0 +1,87 @@
+"""A plant given as a transfer function: built with python-control, discretised exactly, symbolic from there on."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from models.plant import Plant, Signal
+from models.quantity import InvalidValue, declared, given, quantity, table
+
+
+@declared
+class Transfer(Plant):
+    """y = gain numerator(s)/denominator(s) u, sampled with a zero-order hold on u.
+
+    Coefficients are in falling powers of s. The transfer function must be strictly proper, because a plant's
+    output depends on its state alone. A dead time is put round it by :mod:`models.actuator`.
+    """
+
+    source: ClassVar[str] = "control.c2d of a control.TransferFunction, zero-order hold"
+
+    numerator: tuple[float, ...] = table(default=(1.0,), unit="falling powers of s", doc="numerator")
+    denominator: tuple[float, ...] = table(default=(1.0, 1.0), unit="falling powers of s", doc="denominator")
+    gain: float = quantity(default=1.0, unit="1", doc="factor on the numerator")
+    sampling_time: float = quantity(default=0.2, unit="s", doc="sampling time", above=0, structural=True)
+    input_signal: Signal = given(default=Signal("command", "1", "command"), doc="the input's name and unit")
+    output_signal: Signal = given(default=Signal("output", "1", "output"), doc="the output's name and unit")
+
+    def check(self) -> None:
+        """Raise InvalidValue unless the transfer function is strictly proper."""
+        numerator, denominator = (np.trim_zeros(np.array(row), "f") for row in (self.numerator, self.denominator))
+        if denominator.size == 0:
+            raise InvalidValue("denominator must have a coefficient that is not 0")
+        if numerator.size >= denominator.size:
+            raise InvalidValue(
+                f"numerator must be of lower degree than denominator, got {self.numerator} over {self.denominator}"
+            )
+
+    @classmethod
+    def of(cls, system: Any, **fields: Any) -> Transfer:
+        """Return the plant of a python-control ``TransferFunction`` with one input and one output."""
+        if system.ninputs != 1 or system.noutputs != 1 or system.isdtime(strict=True):
+            raise InvalidValue("a transfer function must be continuous, with one input and one output")
+        return cls(numerator=tuple(system.num[0][0]), denominator=tuple(system.den[0][0]), **fields)
+
+    @property
+    def states(self) -> Any:  # type: ignore[override]  # as many as the denominator's degree
+        """The states of python-control's realisation."""
+        return tuple(
+            Signal(f"x{i}", "1", f"state {i} of the realisation") for i in range(1, len(self._matrices[0]) + 1)
+        )
+
+    @property
+    def inputs(self) -> Any:  # type: ignore[override]  # named by a field
+        """The input."""
+        return (self.input_signal,)
+
+    @property
+    def outputs(self) -> Any:  # type: ignore[override]  # named by a field
+        """The output."""
+        return (self.output_signal,)
+
+    def step(self, x: Any, u: Any, w: Any, k: Any) -> Any:
+        """Return the state one sample later: exact for an input that is held."""
+        a, b, _ = self._matrices
+        return ca.DM(a) @ x.vector + ca.DM(b) @ u.vector
+
+    def output(self, x: Any) -> Any:
+        """Return the output."""
+        return self.gain * (ca.DM(self._matrices[2]) @ x.vector)
+
+    @property
+    def _matrices(self) -> tuple[Any, Any, Any]:
+        return _sampled(self.numerator, self.denominator, float(self.sampling_time))
+
+
+@functools.cache
+def _sampled(
+    numerator: tuple[float, ...], denominator: tuple[float, ...], sampling_time: float
+) -> tuple[Any, Any, Any]:
+    from models.control_systems import zero_order_hold
+
+    system = zero_order_hold(numerator, denominator, sampling_time)
+    return system.A, system.B, system.C

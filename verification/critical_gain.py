@@ -1,0 +1,47 @@
+"""The gain at which a linear loop begins to oscillate, by python-control."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from models.quantity import InvalidValue
+
+
+def critical_gain(loop: Any, most: float = 1e6) -> float:
+    """Return the least gain K > 0 at which 1 + K L(z) has a root on the unit circle, infinity if there is none.
+
+    ``loop`` is a discrete-time python-control system L with one input and output whose closed loop is stable for
+    small K. K is bisected on the closed loop's poles to a relative 1e-12.
+    """
+    import control
+
+    if not loop.isdtime(strict=True):
+        raise InvalidValue("critical_gain needs a discrete-time loop")
+
+    def radius(gain: float) -> float:
+        return float(np.abs(control.feedback(gain * loop, 1).poles()).max())
+
+    low = 1e-3
+    if radius(low) >= 1:
+        raise InvalidValue("critical_gain needs a loop that is stable for small gains")
+    high = low
+    while radius(high) < 1:
+        low, high = high, 1.1 * high
+        if high > most:
+            return float("inf")
+    while high - low > 1e-12 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if radius(middle) < 1 else (low, middle)
+    return (low + high) / 2
+
+
+def incremental_pid(ki: float, kd: float, sampling_time: float) -> Any:
+    """Return python-control's StateSpace of C(z) = (1 - z^-1 + ki + kd (1 - z^-1)^2)/(1 - z^-1).
+
+    In state space, because a chain of delays is badly conditioned as a ratio of polynomials.
+    """
+    import control
+
+    return control.ss(control.TransferFunction([1 + ki + kd, -1 - 2 * kd, kd], [1, -1, 0], sampling_time))
