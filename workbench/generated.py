@@ -105,13 +105,30 @@ def _spared(source: str, function: str, fixed: list[int]) -> str:
     return head + tail
 
 
+def _indexed(loop: re.Match[str]) -> str:
+    """Return a row loop's body with its running pointers written as rows at the index i."""
+    body = loop["body"]
+    for pointer in ("rr", "cr", "cs"):
+        if loop[pointer]:
+            body = re.sub(rf"\(?\*{pointer}\+\+\)?|\b{pointer}\[i\]", f"{loop[pointer]}[i]", body)
+    return body
+
+
+def _row_loop(line: str) -> re.Match[str] | None:
+    """Return the match of a loop that reads and writes rows at its own index only, else None."""
+    loop = _ROW_LOOP.fullmatch(line)
+    if loop is None or re.search(r"\b(for|rr|cr|cs|ss|j)\b", _indexed(loop)):
+        return None
+    return loop
+
+
 def _fused(source: str) -> str:
     """Join neighbouring loops over rows of one length: each of them reads and writes at its own index only."""
     done: list[str] = []
     group: list[str] = []
     length = ""
     for line in source.split("\n"):
-        loop = _ROW_LOOP.fullmatch(line)
+        loop = _row_loop(line)
         if loop is None and group and line.startswith("  /* #"):
             continue
         if group and (loop is None or loop["n"] != length):
@@ -120,10 +137,7 @@ def _fused(source: str) -> str:
         if loop is None:
             done.append(line)
             continue
-        length, body = loop["n"], loop["body"]
-        for pointer in ("rr", "cr", "cs"):
-            if loop[pointer]:
-                body = re.sub(rf"\(?\*{pointer}\+\+\)?|\b{pointer}\[i\]", f"{loop[pointer]}[i]", body)
+        length, body = loop["n"], _indexed(loop)
         for written, branchless in _BRANCHLESS:
             body = written.sub(branchless, body)
         group.append(f"    {body};")
