@@ -33,7 +33,7 @@ class ShuttlePID:
     runs on from one period to the next, and is summed after the force is computed.
     """
 
-    source: ClassVar[str] = "Zhang, Nan, Cao et al., PALC of a maglev train, the PID compared with"
+    source: ClassVar[str] = "Zhang, Nan, Cao et al., PALC of a maglev train, the PID of figures 4-12"
 
     model: Maglev = given(default=Maglev(), doc="the train as the law knows it; the study gives its own")
     alpha: float = quantity(default=0.4, unit="1/s", doc="gain on S", above=0)

@@ -122,12 +122,9 @@ class MaglevStudy:
     def simulate(self, progress: Progress) -> xr.Dataset:
         """Run every controller; see :class:`workbench.study.Study`. The true line resistance stands beside."""
         data = self.trial_study.simulate(progress)
-        x, v = ca.SX.sym("x"), ca.SX.sym("v")
-        d = ca.Function("line_resistance", [x, v], [self.train.line_resistance(x, v)], ["x", "v"], ["d"])
-        shape = data["output"].shape
-        flat = d(data["output"].values.reshape(1, -1), data["output_speed"].values.reshape(1, -1)).full()
+        true = _along(self.train, data["output"].values, data["output_speed"].values)
         about = {"units": "N", "long_name": "true line resistance"}
-        return data.assign(line_resistance=(data["output"].dims, flat.reshape(shape), about))
+        return data.assign(line_resistance=(data["output"].dims, true, about))
 
     def scores(self, data: xr.Dataset) -> Scores:
         """Return the metrics of every controller; see :func:`workbench.maglev_scores.scores`."""
@@ -138,6 +135,23 @@ class MaglevStudy:
         from workbench.plots_maglev import figures
 
         return figures(self, data)
+
+
+def _along(train: Maglev, position: Any, speed: Any) -> Any:
+    """Return the true line resistance in N along recorded positions (m) and speeds (m/s), same shape."""
+    x, v = ca.SX.sym("x"), ca.SX.sym("v")
+    one = ca.Function("line_resistance", [x, v], [train.line_resistance(x, v)], ["x", "v"], ["d"])
+    buffer: Any
+    trigger: Any
+    buffer, trigger = one.map(position.shape[-1]).buffer()
+    true: Any = np.empty(position.shape)
+    for at in np.ndindex(position.shape[:-1]):
+        rows: Any = np.ascontiguousarray(position[at]), np.ascontiguousarray(speed[at])
+        buffer.set_arg(0, memoryview(rows[0]))
+        buffer.set_arg(1, memoryview(rows[1]))
+        buffer.set_res(0, memoryview(true[at]))
+        trigger()
+    return true
 
 
 STUDY = MaglevStudy()
