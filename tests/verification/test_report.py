@@ -214,6 +214,32 @@ def test_junit(folder: Path, report: Any) -> None:
     assert "\x00" not in cases[4][0].text and "no <script>" in cases[4][0].text
 
 
+def test_junit_has_only_what_build_servers_know(folder: Path) -> None:
+    known = {
+        "testsuites": {"name", "time", "tests", "failures", "errors"},
+        "testsuite": {"name", "time", "tests", "failures", "errors", "skipped"},
+        "properties": set(),
+        "property": {"name", "value"},
+        "testcase": {"name", "classname", "time"},
+        "failure": {"message", "type"},
+        "error": {"message", "type"},
+        "system-out": set(),
+    }
+    for element in ET.parse(folder / "verdicts.xml").iter():
+        assert set(element.attrib) == known[element.tag]
+
+
+def test_notebook_shows_the_verdicts_escaped(report: Any) -> None:
+    shown_page = Page(report._repr_html_())
+    assert not shown_page.open and not shown_page.all("script")
+    assert len(shown_page.all("tr")) == 6
+    assert "✗ REFUTED" in shown_page.text and "5 verdicts" in shown_page.text
+
+
+def test_report_saves_itself(report: Any, tmp_path: Path) -> None:
+    assert {entry.name for entry in report.save(tmp_path / "out").iterdir()} == FILES
+
+
 def test_page_has_the_verdicts(page: Page) -> None:
     rows = [row.get("class") for row in page.all("tr") if row.get("class")]
     assert rows == ["PROVED", "SUPPORTED", "REFUTED", "UNDECIDED", "UNDECIDED"]
