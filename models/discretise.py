@@ -7,7 +7,7 @@ sampling time later.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 
 def euler(rhs: Callable[[Any, Any], Any], x: Any, t: Any, step: Any, substeps: int = 1) -> Any:
@@ -29,3 +29,14 @@ def rk4(rhs: Callable[[Any, Any], Any], x: Any, t: Any, step: Any, substeps: int
         k4 = rhs(x + h * k3, at + h)
         x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     return x
+
+
+@runtime_checkable
+class Integrated(Protocol):
+    """A plant whose step integrates a right-hand side, which it can show: reports typeset this one."""
+
+    integrator: str
+    """The integrator in words, e.g. "fourth-order Runge-Kutta, one step a sample"."""
+
+    def slope(self, x: Any, u: Any, w: Any, t: Any) -> Any:
+        """Return dx/dt (in the order of the states) from state, input, disturbance and time in seconds."""

@@ -39,6 +39,8 @@ class Maglev(Plant):
     outputs = signals(position=("m", "position of the train's middle"), speed=("m/s", "speed"))
     disturbances = signals(gust=("N", "disturbing force"))
 
+    integrator: ClassVar[str] = "fourth-order Runge-Kutta, one step a sample"
+
     line: Line = part(default=TEST_LINE, doc="the line's grades and curves")
     sampling_time: float = quantity(default=0.01, unit="s", doc="sampling time", above=0, structural=True)
     cars: int = count(default=3, doc="number of cars N", least=1)
@@ -59,6 +61,10 @@ class Maglev(Plant):
     def step(self, x: Any, u: Any, w: Any, k: Any) -> Any:
         """Return position and speed one sample later."""
         return rk4(lambda at, t: self.rhs(at, u.force + w.gust), x.vector, 0, self.sampling_time)
+
+    def slope(self, x: Any, u: Any, w: Any, t: Any) -> Any:
+        """Return dx/dt, which the step integrates."""
+        return self.rhs(x.vector, u.force + w.gust)
 
     def rhs(self, x: Any, force: Any) -> Any:
         """Return dx/dt, a column (2), of the column x = (x, v) under a force in N, (6)-(7)."""

@@ -39,6 +39,8 @@ class MetroLine(Plant):
     inputs = signals(force=("N/kg", "traction (+) or braking (-) force per unit mass"))
     outputs = signals(position=("m", "position of the train's front"), speed=("m/s", "speed"))
 
+    integrator: ClassVar[str] = "fourth-order Runge-Kutta, two steps a sample"
+
     line: Line = part(default=PATENT_LINE, doc="the line's grades, curves and tunnels")
     sampling_time: float = quantity(default=0.1, unit="s", doc="sampling time", above=0)
     length: float = quantity(default=100.0, unit="m", doc="length of the train", above=0)
@@ -60,6 +62,10 @@ class MetroLine(Plant):
     def step(self, x: Any, u: Any, w: Any, k: Any) -> Any:
         """Return position and speed one sample later."""
         return rk4(lambda at, t: self.rhs(at, u.force), x.vector, 0, self.sampling_time, 2)
+
+    def slope(self, x: Any, u: Any, w: Any, t: Any) -> Any:
+        """Return dx/dt, which the step integrates."""
+        return self.rhs(x.vector, u.force)
 
     def rhs(self, x: Any, force: Any) -> Any:
         """Return dx/dt, a column (2), of the column x = (s, v) under a force in N/kg, (2)."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import importlib.util
+import os
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from models.quantity import InvalidValue
@@ -56,6 +58,21 @@ class Report:
     figures: Mapping[str, Figure]
     tables: Sequence[Table]
     scores: Mapping[str, Mapping[str, float | None]]
+
+    def save(self, folder: str | os.PathLike[str]) -> Path:
+        """Write everything that ``workbench verify`` writes into a folder, all or nothing; return the folder.
+
+        Raises InvalidValue where the folder cannot be written.
+        """
+        from verification.report import write
+
+        return write(self, folder)
+
+    def _repr_html_(self) -> str:
+        """Return the verdicts as a table, which notebooks show."""
+        from verification.report import fragment
+
+        return fragment(self)
 
 
 def examination_of(campaign: Campaign, *, full: bool = False) -> Examination:

@@ -73,6 +73,9 @@ class Pen(Protocol):
     def row(self, *pieces: str) -> str:
         """Write pieces side by side."""
 
+    def gap(self) -> str:
+        """Write a thin space."""
+
     def fenced(self, fences: str, inner: str) -> str:
         """Write pieces between two fences that grow."""
 
@@ -118,6 +121,10 @@ class Latex:
     def sign(self, sign: str) -> str:
         """Write an operator."""
         return f" {IN_LATEX.get(sign, sign).strip()} "
+
+    def gap(self) -> str:
+        """Write a thin space."""
+        return r"\,"
 
     def row(self, *pieces: str) -> str:
         """Write pieces side by side."""
@@ -180,6 +187,10 @@ class MathML:
     def sign(self, sign: str) -> str:
         """Write an operator."""
         return f"<mo>{escape(sign)}</mo>"
+
+    def gap(self) -> str:
+        """Write a thin space."""
+        return '<mspace width="0.15em"/>'
 
     def row(self, *pieces: str) -> str:
         """Write pieces side by side."""

@@ -119,6 +119,41 @@ def tally(report: Report) -> str:
     return f"{len(report.verdicts)} verdicts: " + ", ".join(f"{counts[one]} {one}" for one in Standing)
 
 
+def fragment(report: Report) -> str:
+    """Return the verdicts as an HTML table for a notebook, under how many there are of each standing."""
+    colours = {
+        Standing.PROVED: "#0b6b43",
+        Standing.SUPPORTED: "#0f5a96",
+        Standing.REFUTED: "#a8201a",
+        Standing.UNDECIDED: "#6b5200",
+    }
+    left = Markup('<td style="text-align:left">{}</td>')
+    rows = [
+        Markup("<tr>{}</tr>").format(
+            Markup("").join(
+                [
+                    left.format(Markup("<code>{}</code>").format(one.claim)),
+                    left.format(one.controller or "–"),
+                    left.format(
+                        Markup('<b style="color:{}">{} {}</b>').format(
+                            colours[one.standing], STANDINGS[one.standing][0], str(one.standing)
+                        )
+                    ),
+                    left.format(
+                        f"{shown(one.margin)} {one.unit if one.margin is not None and one.unit != '1' else ''}"
+                    ),
+                    left.format(one.statement),
+                ]
+            )
+        )
+        for one in report.verdicts
+    ]
+    names = ("claim", "controller", "standing", "margin", "statement")
+    head = Markup("").join(Markup('<th scope="col" style="text-align:left">{}</th>').format(name) for name in names)
+    table = Markup("<p>{}</p><table><thead><tr>{}</tr></thead><tbody>{}</tbody></table>")
+    return str(table.format(tally(report), head, Markup("").join(rows)))
+
+
 def html(report: Report, figures: Sequence[Drawn], scores: Mapping[str, Mapping[str, float | None]]) -> str:
     """Return ``report.html``: one file that fetches nothing and runs nothing."""
     environment = jinja2.Environment(

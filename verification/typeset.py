@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from models.plant import Plant, Signal
+from models.discretise import Integrated
+from models.plant import Plant, Signal, Values, stacked
 from models.quantity import Quantity, is_declared, quantities, symbolised
 from verification.expression import CONDITIONS, LINE, Equation, Term, equations, width
 from verification.notation import Latex, MathML, Pen, symbol
@@ -46,6 +47,8 @@ class Typeset(NamedTuple):
     equations: tuple[str, ...]
     signals: tuple[SignalRow, ...]
     parameters: tuple[Parameter, ...]
+    integrator: str
+    """How a right-hand side is integrated, in words; empty for a plant that is given in discrete time."""
 
 
 def latex(thing: Plant | ca.Function) -> str:
@@ -93,7 +96,8 @@ def typeset(plant: Plant) -> Typeset:
     ]
     if named.k in used:
         rows.append(SignalRow(_whole(pen.identifier(named.k)), "index", named.k, "1", "sample"))
-    return Typeset(mathml(plant), tuple(rows), parameters)
+    integrator = plant.integrator if isinstance(plant, Integrated) else ""
+    return Typeset(mathml(plant), tuple(rows), parameters, integrator)
 
 
 class _Named(NamedTuple):
@@ -143,7 +147,8 @@ def _named(plant: Plant) -> _Named:
 def equations_of(thing: Plant | ca.Function) -> list[Equation]:
     """Return equations as (left side, tree), definitions of shared parts first.
 
-    The left side is a name, followed by ``(k+1)`` or ``(k)`` for the states and outputs of a plant.
+    The left side is a name, followed by ``(k+1)`` or ``(k)`` for the states and outputs of a plant; ``(dt)`` stands
+    for the derivative by time, for a plant that integrates a right-hand side (:class:`Integrated`).
     """
     if isinstance(thing, ca.Function):
         inputs = [_entries(thing.name_in(i), thing.numel_in(i)) for i in range(thing.n_in())]
@@ -152,17 +157,27 @@ def equations_of(thing: Plant | ca.Function) -> list[Equation]:
     else:
         named = _named(thing)
         at = thing.symbols()
-        outputs = [named.plant.next_state(**at), named.plant.measured(at["x"])]
+        after, mark = _motion(named.plant, at)
+        outputs = [after, named.plant.measured(at["x"])]
         columns = [*at.values(), *named.symbols]
         names = [named.x, named.u, named.w, [named.k], *([name] for name in named.parameters)]
         found = equations(ca.Function("plant", columns, [ca.SX(value) for value in outputs]), names)
-        lefts = [[f"{name}(k+1)" for name in named.x], [f"{name}(k)" for name in named.y]]
+        lefts = [[f"{name}{mark}" for name in named.x], [f"{name}(k)" for name in named.y]]
     pairs = [
         Equation(left, right)
         for column, rights in zip(lefts, found.outputs, strict=True)
         for left, right in zip(column, rights, strict=True)
     ]
     return [*found.definitions, *pairs]
+
+
+def _motion(plant: Plant, at: dict[str, ca.SX]) -> tuple[Any, str]:
+    """Return the next state, or the slope of a plant that integrates one, and how its left side is marked."""
+    if not isinstance(plant, Integrated):
+        return plant.next_state(**at), "(k+1)"
+    x, u, w = Values(plant.states, at["x"]), Values(plant.inputs, at["u"]), Values(plant.disturbances, at["w"])
+    slope = plant.slope(x, u, w, at["k"] * plant.sampling_time)
+    return stacked(slope, plant.states, f"{type(plant).__name__}.slope"), "(dt)"
 
 
 def _dense(function: ca.Function, inputs: list[list[str]]) -> ca.Function:
@@ -202,10 +217,12 @@ def _whole(inner: str) -> str:
 def _written(found: Sequence[Equation], pen: Pen) -> list[tuple[str, str]]:
     written: list[tuple[str, str]] = []
     for left, right in found:
-        name, _, at = left.partition("(k")
-        side = pen.identifier(name)
-        if at:
-            plus = (pen.sign("+"), pen.number("1", "")) if at.startswith("+") else ()
+        mark = next((mark for mark in ("(k+1)", "(k)", "(dt)") if left.endswith(mark)), "")
+        side = pen.identifier(left.removesuffix(mark))
+        if mark == "(dt)":
+            side = pen.fraction(pen.row(pen.identifier("d"), pen.gap(), side), pen.row(*map(pen.identifier, "dt")))
+        elif mark:
+            plus = (pen.sign("+"), pen.number("1", "")) if mark == "(k+1)" else ()
             side = pen.row(side, pen.fenced("()", pen.row(pen.identifier("k"), *plus)))
         written.append((side, pen.lines([pen.row(*line) for line in _broken(right, pen)])))
     return written

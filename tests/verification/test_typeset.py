@@ -15,7 +15,10 @@ import numpy as np
 import pytest
 
 from models.actuator import Delayed, Lagged, RateLimited, Saturated
-from models.plant import Plant, signals
+from models.discretise import Integrated, rk4
+from models.maglev import Maglev
+from models.metro_line import MetroLine
+from models.plant import Plant, Values, signals
 from models.point_mass import PointMass
 from models.quantity import InvalidValue, declared, part, quantity
 from verification.expression import FUNCTIONS, Term
@@ -58,7 +61,7 @@ def sides(written: str) -> tuple[str, Any]:
     """Return the spelt left side and the element of the right side of one equation."""
     row = ET.fromstring(written)[0][0]
     left = row[0][0]
-    name = left if left.tag != f"{M}mrow" else left[0]
+    name = left[0][2] if left.tag == f"{M}mfrac" else left[0] if left.tag == f"{M}mrow" else left
     [(_, spelt)] = Reader({}).tokens(name)
     return spelt, row[2][0]
 
@@ -70,7 +73,7 @@ def read_back(thing: Any, known: dict[str, float]) -> tuple[list[float], list[fl
     for equation, written in zip(equations_of(thing), mathml(thing), strict=True):
         left, element = sides(written)
         tree, text = tree_value(equation.right, values), Reader(spelt).value(element)
-        assert left == Reader.spelt(equation.left.partition("(k")[0])
+        assert left == Reader.spelt(equation.left.partition("(")[0])
         if re.fullmatch(r"[tqhz]_\d+", equation.left):
             values[equation.left], spelt[equation.left] = tree, text
         else:
@@ -240,6 +243,8 @@ PLANTS: dict[str, Plant] = {
     "behind actuators": Saturated(
         plant=Lagged(plant=Delayed(plant=PointMass(), samples=2), time_constant=0.5), lower=-400.0, upper=1000.0
     ),
+    "integrated": Maglev(),
+    "integrated twice": MetroLine(),
     "rate": RateLimited(plant=PointMass(line="flat"), rate=1e4),
 }
 
@@ -263,9 +268,26 @@ def test_plant_read_back(name: str) -> None:
     for spread in (1.0, 100.0, 1500.0, 5000.0):
         known, values = point(plant, draw, spread)
         after, seen = plant.step_function()(*values), plant.output_function()(values[0])
+        if isinstance(plant, Integrated):
+            named = (plant.states, plant.inputs, plant.disturbances)
+            after = plant.slope(*(Values(one, ca.DM(at)) for one, at in zip(named, values, strict=False)), 0)
         trees, read = read_back(plant, known)
         np.testing.assert_allclose(trees, [*np.array(after).ravel(), *np.array(seen).ravel()], rtol=1e-9)
         np.testing.assert_allclose(read, trees, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("plant", "steps"), [(Maglev(), 1), (MetroLine(), 2)])
+def test_slope_is_what_the_step_integrates(plant: Any, steps: int) -> None:
+    draw = np.random.default_rng(4)
+    for _ in range(5):
+        x, u, w = (ca.DM(draw.uniform(0, 30, len(one))) for one in (plant.states, plant.inputs, plant.disturbances))
+        held = Values(plant.inputs, u), Values(plant.disturbances, w)
+        after = rk4(
+            lambda at, t, held=held: plant.slope(Values(plant.states, at), *held, t), x, 0, plant.sampling_time, steps
+        )
+        np.testing.assert_allclose(after, plant.next_state(x, u, w, 0), rtol=1e-14)
+    assert {1: "one step", 2: "two steps"}[steps] in plant.integrator
+    assert len(latex(plant).splitlines()) < 24 and "\\frac{d\\,\\mathrm{speed}}{dt}" in latex(plant)
 
 
 def test_hilly_train_stays_readable() -> None:
