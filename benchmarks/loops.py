@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import types
 
 import numpy as np
 
@@ -43,8 +44,8 @@ def learn(u, u_before, v, v_before, phi, r, length, length_before, known_before,
         v_before[k] = v[k]
 
 
-def campaign(r, lengths, speeds, inputs, estimates, starts, changes, unit, trial=trial, learn=learn):
-    """Run every trial, recording speed, input and estimate; return the mean square errors."""
+def campaign(r, lengths, speeds, positions, inputs, estimates, starts, changes, unit):
+    """Run every trial, recording speed, position, input and estimate; return the mean square errors."""
     n = r.size - 1
     phi0 = math.sqrt(5e-5)
     u, u_before = np.full(n, 1500.0), np.full(n, 1500.0)
@@ -59,6 +60,7 @@ def campaign(r, lengths, speeds, inputs, estimates, starts, changes, unit, trial
         mse[i] = total / lengths[i]
         for k in range(n + 1):
             speeds[i, k] = v[k] if k <= lengths[i] else np.nan
+            positions[i, k] = s[k]
         for k in range(n):
             inputs[i, k] = u[k]
             estimates[i, k] = phi[k] / unit
@@ -66,32 +68,16 @@ def campaign(r, lengths, speeds, inputs, estimates, starts, changes, unit, trial
     return mse
 
 
+def recorded(r, lengths, run, unit=100.0):
+    """Return the mean square errors and what a campaign records, in arrays of its own."""
+    trials, n = lengths.size, r.size - 1
+    rows = [np.empty((trials, n + 1)), np.empty((trials, n + 1)), np.empty((trials, n)), np.empty((trials, n))]
+    return run(r, lengths, *rows, STARTS, CHANGES, unit), *rows
+
+
 def numba_campaign():
     """Return the same campaign compiled by numba."""
     import numba
 
-    run, learning = numba.njit(trial), numba.njit(learn)
-
-    @numba.njit
-    def compiled_campaign(r, lengths, speeds, inputs, estimates, starts, changes, unit):
-        n = r.size - 1
-        phi0 = math.sqrt(5e-5)
-        u, u_before = np.full(n, 1500.0), np.full(n, 1500.0)
-        phi = np.full(n, phi0)
-        v, v_before, s = np.zeros(n + 1), np.zeros(n + 1), np.zeros(n + 1)
-        mse = np.zeros(lengths.size)
-        for i in range(lengths.size):
-            run(u, v, s, lengths[i], starts, changes)
-            total = 0.0
-            for k in range(1, lengths[i] + 1):
-                total += (r[k] - v[k]) ** 2
-            mse[i] = total / lengths[i]
-            for k in range(n + 1):
-                speeds[i, k] = v[k] if k <= lengths[i] else np.nan
-            for k in range(n):
-                inputs[i, k] = u[k]
-                estimates[i, k] = phi[k] / unit
-            learning(u, u_before, v, v_before, phi, r, lengths[i], lengths[i - 1], i > 0, unit, phi0)
-        return mse
-
-    return compiled_campaign
+    loops = {"trial": numba.njit(trial), "learn": numba.njit(learn), "np": np, "math": math}
+    return numba.njit(types.FunctionType(campaign.__code__, loops, "campaign"))

@@ -321,16 +321,15 @@ def stream(
     function = trial or fold.trial
     p = np.array(fold.values if values is None else values, dtype=float)
     r = np.asarray(reference, dtype=float)
-    if memory is None:
-        begun = fold.start.call({"r": ca.DM(r), "sampling_time": fold.plant.sampling_time, "p": ca.DM(p)})
-        memory = [begun[name] for name in fold.memory]
-    first = {name: _flat(ca.DM(field).full()) for name, field in zip(fold.memory, memory, strict=True)}
-    for name, field in first.items():
-        if field.size != function.numel_in(name):
-            raise InvalidValue(f"{name} must hold {function.numel_in(name)} number(s), got {field.size}")
+    told = {"r": _flat(r), "p": p}  # buffers keep no reference: what they are handed must outlive them
+    first = _begun(fold, told)
+    for (name, field), start in zip(first.items(), memory or (), strict=memory is not None):
+        given_field = _flat(ca.DM(start).full())
+        if field.size != given_field.size:
+            raise InvalidValue(f"{name} must hold {field.size} number(s), got {given_field.size}")
+        field[:] = given_field
     second = {name: np.empty_like(field) for name, field in first.items()}
     given = {name: np.zeros(function.size_in(name)).ravel() for name in ("x0", "length", "w", "noise")}
-    told = {"r": _flat(r), "p": p}  # buffers keep no reference: what they are handed must outlive them
     shapes = {name: function.size_out(name) for name in (*ROWS, "mse", "x_end")}
     ends = np.cumsum([0, *(rows * columns for rows, columns in shapes.values())])
     left = np.empty(ends[-1])
@@ -359,6 +358,19 @@ def stream(
         used = (second if index % 2 else first) if keep_memory else {}
         kept_memory = tuple(used[name].reshape(fold.start.size_out(i), order="F").copy() for i, name in enumerate(used))
         yield TrialRecord(**rows, mse=float(kept[parts["mse"]][0]), memory=kept_memory)
+
+
+def _begun(fold: Fold, told: dict[str, Any]) -> dict[str, Any]:
+    """Return the memory before the first trial, flat arrays by name."""
+    first = {name: np.zeros(fold.start.numel_out(name)) for name in fold.memory}
+    if first:
+        sampling_time = np.array([float(fold.plant.sampling_time)])
+        buffer: Any
+        buffer, begin = fold.start.buffer()
+        _hand(buffer.set_arg, fold.start.name_in(), {**told, "sampling_time": sampling_time})
+        _hand(buffer.set_res, fold.start.name_out(), first)
+        begin()
+    return first
 
 
 def _flat(values: Any) -> Any:
