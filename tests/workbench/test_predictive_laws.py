@@ -262,10 +262,10 @@ def test_pid_by_hand_with_its_integral_held_at_the_limit():
 
 
 FAILURES = {
-    "horizon N must be a whole number of at least 2, got 1": lambda t: RMPC(tube=t, N=1),
-    "horizon N must be a whole number of at least 2, got 2.5": lambda t: RSMPC(tube=t, N=2.5),
-    "beta must be at least 1, got 0.9": lambda t: RSMPC(tube=t, N=3, beta=0.9),
-    "beta must be at least 1, got nan": lambda t: RSMPC(tube=t, N=3, beta=float("nan")),
+    r"N must lie in \[2, ∞\), got 1": lambda t: RMPC(tube=t, N=1),
+    r"N must be a whole number in \[2, ∞\), got 2.5": lambda t: RSMPC(tube=t, N=2.5),
+    r"beta must lie in \[1, ∞\), got 0.9": lambda t: RSMPC(tube=t, N=3, beta=0.9),
+    r"beta must be a finite number in \[1, ∞\), got nan": lambda t: RSMPC(tube=t, N=3, beta=float("nan")),
     r"M must be one of \(1, 2\), got 3": lambda t: RSMPC(tube=t, N=3).plan(np.zeros(4), 3),
     r"M must be one of \(1, 2\), got 0": lambda t: RSMPC(tube=t, N=3).plan(np.zeros(4), 0),
     "the state must be finite, got v = nan": lambda t: RMPC(tube=t, N=3).act(start(), [0, 0, np.nan, 0]),
@@ -277,7 +277,7 @@ FAILURES = {
         SpeedPID(kp=1, ki=0, kd=0, sample_time=0.1, low=0, high=1).start(), np.nan
     ),
     "low must be below high": lambda t: SpeedPID(kp=1, ki=0, kd=0, sample_time=0.1, low=1, high=1),
-    "sample_time must be positive, got 0": lambda t: SpeedPID(kp=1, ki=0, kd=0, sample_time=0, low=0, high=1),
+    r"sample_time must lie in \(0, ∞\) s, got 0": lambda t: SpeedPID(kp=1, ki=0, kd=0, sample_time=0, low=0, high=1),
 }
 
 

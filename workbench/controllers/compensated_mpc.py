@@ -2,46 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.quantity import count, declared, given
 from workbench.predictive.condensed import CondensedQP, Plan, condense
 from workbench.predictive.decision import Decision, Following, without_plan
 from workbench.predictive.disturbance_model import DisturbanceModel
 from workbench.predictive.quadratic_program import Infeasible
-from workbench.predictive.tube import Tube, require_horizon
+from workbench.predictive.tube import Tube
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@declared
 class CompensatedMPC:
     """Tube MPC whose cost is taken about the rest under a disturbance d, known or estimated.
 
     The bounds still see the prediction without disturbance, so whatever is said of d, feasibility is kept exactly as
     without compensation; only what the plan strives for changes. With a constant and correct d the error tends to zero.
 
-    Parameters
-    ----------
-    tube
-        Gain, weights and sets. For the ideal law of (10)-(12), which assumes that nothing else disturbs the plant, make
-        it from a plant whose W is the origin.
-    model
-        Direction of the disturbance.
-    N
-        Horizon in samples, at least 2.
+    For the ideal law of (10)-(12), which assumes that nothing else disturbs the plant, make the tube from a plant whose
+    W is the origin.
 
     Source: Liu et al. 2022, doi 10.16383/j.aas.c200039, (10)-(12) for the known disturbance, which the paper only calls
     "fed forward"; the estimate is not the paper's.
     """
 
-    tube: Tube
-    model: DisturbanceModel
-    N: int
+    source: ClassVar[str] = "Liu, Xun, Gao & Yin 2022, (10)-(12); the estimate: ours"
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "N", require_horizon(self.N))
+    tube: Tube = given(doc="gain, weights and sets")
+    model: DisturbanceModel = given(doc="direction of the disturbance")
+    N: int = count(doc="horizon in samples", least=2)
 
     @cached_property
     def problem(self) -> CondensedQP:

@@ -2,37 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 from numpy.typing import ArrayLike
 
+from models.quantity import count, declared, given
 from workbench.predictive.condensed import CondensedQP, Plan, condense
 from workbench.predictive.decision import Decision, Following, without_plan
 from workbench.predictive.quadratic_program import Infeasible
-from workbench.predictive.tube import Tube, require_horizon
+from workbench.predictive.tube import Tube
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@declared
 class RMPC:
     """Tube MPC: at each sample, plan N increments under the bounds tightened by the tube and apply the first.
-
-    Parameters
-    ----------
-    tube
-        Gain, weights and sets.
-    N
-        Horizon in samples, at least 2.
 
     Source: Liu et al. 2022, doi 10.16383/j.aas.c200039, (11) with the constraints (14), as corrected in `Tube`.
     Deviation: with no feasible plan the law follows the last one, continued by its feedback, and says so.
     """
 
-    tube: Tube
-    N: int
+    source: ClassVar[str] = "Liu, Xun, Gao & Yin 2022, (11), (14)"
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "N", require_horizon(self.N))
+    tube: Tube = given(doc="gain, weights and sets")
+    N: int = count(doc="horizon in samples", least=2)
 
     @cached_property
     def problem(self) -> CondensedQP:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from models.quantity import InvalidValue
+from models.quantity import InvalidValue, count, declared, given, quantity, switch
 from workbench.predictive.condensed import CondensedQP, Plan, condense
 from workbench.predictive.decision import Decision, Following, without_plan
 from workbench.predictive.quadratic_program import Infeasible
-from workbench.predictive.tube import Tube, require_horizon
+from workbench.predictive.tube import Tube
 
 COST_TOLERANCE = 1e-9
 """By how much J^M may exceed J^1 and still count as no larger: rounding, absolute."""
@@ -28,23 +26,9 @@ class Selection(NamedTuple):
     qps: int
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@declared
 class RSMPC:
     """Self-triggered tube MPC: hold the input as long as a held plan costs no more than one decided anew.
-
-    Parameters
-    ----------
-    tube
-        Gain, weights and sets.
-    N
-        Horizon in samples, at least 2; the input is held for 1 ... N-1 samples.
-    beta
-        At least 1: how much of the optimal decrease may be given up for holding.
-    tolerance
-        Of the comparison of costs.
-    contained
-        Whether (27) decides which M are offered, as printed: the tube R_{M+N}^M inside Sigma. Otherwise every M whose
-        tightened sets are not empty is, which is enough for feasibility; holds are then longer and errors larger.
 
     Raises
     ------
@@ -55,18 +39,28 @@ class RSMPC:
     ((26) omits it), the terminal set stands at M+N, M = 0 is left out, (27) decides which M are offered.
     """
 
-    tube: Tube
-    N: int
-    beta: float = 1.5
-    tolerance: float = COST_TOLERANCE
-    contained: bool = True
+    source: ClassVar[str] = "Liu, Xun, Gao & Yin 2022, (25)-(29)"
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "N", require_horizon(self.N))
-        if not (np.isfinite(self.beta) and self.beta >= 1):
-            raise InvalidValue(f"beta must be at least 1, got {self.beta}")
-        if not self.tolerance >= 0:
-            raise InvalidValue(f"tolerance must be at least 0, got {self.tolerance}")
+    tube: Tube = given(doc="gain, weights and sets")
+    N: int = count(doc="horizon in samples; the input is held for 1 ... N-1 samples", least=2)
+    beta: float = quantity(
+        default=1.5,
+        unit="1",
+        doc="how much of the optimal decrease may be given up for holding",
+        least=1,
+        structural=True,
+    )
+    tolerance: float = quantity(
+        default=COST_TOLERANCE, unit="1", doc="tolerance of the comparison of costs", least=0, structural=True
+    )
+    contained: bool = switch(
+        default=True,
+        doc="whether (27) as printed decides which M are offered; otherwise every M without an empty set is, "
+        "which is enough for feasibility: holds are then longer and errors larger",
+    )
+
+    def check(self) -> None:
+        """Raise InvalidValue where not even a hold of one sample can be offered."""
         if 1 not in self.offered:
             raise InvalidValue(f"holding for a single sample is impossible: {self.refused[1]}; make W smaller")
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from models.quantity import InvalidValue
+from models.quantity import InvalidValue, declared, quantity
 
 
 class Integral(NamedTuple):
@@ -17,39 +16,26 @@ class Integral(NamedTuple):
     before: float | None
 
 
-@dataclass(frozen=True, kw_only=True)
+@declared
 class SpeedPID:
     """u = feed + kp e + ki (integral of e) + kd (de/dt), within limits.
-
-    Parameters
-    ----------
-    kp, ki, kd
-        Gains, in units of u per m/s, per m and per m/s^2 for a speed error.
-    sample_time
-        s.
-    low, high
-        Limits of u.
-    feed
-        What u is at no error.
 
     Source: the comparison of Liu et al. 2022, doi 10.16383/j.aas.c200039, which prints no gains. At a limit the
     integral does not grow further.
     """
 
-    kp: float
-    ki: float
-    kd: float
-    sample_time: float
-    low: float
-    high: float
-    feed: float = 0.0
+    source: ClassVar[str] = "Liu, Xun, Gao & Yin 2022, the comparison; gains: ours"
 
-    def __post_init__(self) -> None:
-        for name in ("kp", "ki", "kd", "feed"):
-            if not np.isfinite(getattr(self, name)):
-                raise InvalidValue(f"{name} must be finite, got {getattr(self, name)}")
-        if not (np.isfinite(self.sample_time) and self.sample_time > 0):
-            raise InvalidValue(f"sample_time must be positive, got {self.sample_time}")
+    kp: float = quantity(default=0.7, unit="s/m", doc="proportional gain", structural=True)
+    ki: float = quantity(default=0.2, unit="1/m", doc="integral gain", structural=True)
+    kd: float = quantity(default=0.2, unit="s^2/m", doc="derivative gain", structural=True)
+    sample_time: float = quantity(default=0.2, unit="s", doc="sampling time", above=0, structural=True)
+    low: float = quantity(default=0.0, unit="1", doc="least command", structural=True)
+    high: float = quantity(default=1.0, unit="1", doc="largest command", structural=True)
+    feed: float = quantity(default=0.0, unit="1", doc="the command at no error", structural=True)
+
+    def check(self) -> None:
+        """Raise InvalidValue unless the limits are in order."""
         if not self.low < self.high:
             raise InvalidValue(f"low must be below high, got low {self.low} and high {self.high}")
 
