@@ -1,7 +1,8 @@
 """Does a tube controller stay feasible, and its plant within bounds, whatever the disturbance does? By simulation.
 
 Runs start at the edge of the set from which the controller has a plan, and the disturbance is drawn at random, thrown
-between its extremes, or aimed at each sample at the facet of that set which the error is nearest to leave through.
+between its extremes, or aimed at each sample at the facet of that set which the error is nearest to leave through, of
+those facets that the starts lie on.
 """
 
 from __future__ import annotations
@@ -140,15 +141,14 @@ def campaign(
     if runs < 1:
         raise InvalidValue(f"runs must be at least 1, got {runs}")
     random = np.random.default_rng(seed)
-    center = problem.inside()
+    begin = _edge_of(problem, plant.order, runs, random)
     kinds: tuple[Disturbance, ...] = get_args(Disturbance)
     infeasible = violated = number = 0
     worst, witness = -np.inf, None
     for number in range(runs):
         kind = kinds[number % len(kinds)]
-        direction = random.normal(size=plant.order)
-        e = center + (1 - EDGE_MARGIN) * problem.edge(center, direction).distance * direction
-        run = simulate(law, plant, bounds, e, disturb=_source(kind, problem, plant, center, random))
+        e = begin.center + (1 - EDGE_MARGIN) * begin.rays[number]
+        run = simulate(law, plant, bounds, e, disturb=_source(kind, plant, begin, random))
         failed, broke = run.infeasible_at is not None, run.violation > VIOLATION_TOLERANCE
         infeasible, violated, worst = infeasible + failed, violated + broke, max(worst, run.violation)
         if (failed or broke) and witness is None:
@@ -158,18 +158,41 @@ def campaign(
     return Campaign(number + 1, infeasible, violated, worst, witness)
 
 
+class _Edge(NamedTuple):
+    """Points on the edge of a feasible set and the facets that were met there."""
+
+    center: Array
+    rays: Array
+    """From the centre to the edge, shape (runs, n)."""
+    normals: Array
+    """Outer normals n of the facets, scaled so that n (e - center) <= 1 on the set, shape (facets, n)."""
+
+
+def _edge_of(problem: CondensedQP, order: int, runs: int, random: np.random.Generator) -> _Edge:
+    center = problem.inside()
+    rays, normals = [], []
+    for direction in random.normal(size=(runs, order)):
+        edge = problem.edge(center, direction)
+        rays.append(edge.distance * direction)
+        reach = edge.normal @ rays[-1]
+        if np.isfinite(reach) and reach > 0:
+            normals.append(edge.normal / reach)
+    return _Edge(center, np.array(rays), np.array(normals).reshape(-1, order))
+
+
 def _source(
-    kind: Disturbance, problem: CondensedQP, plant: DelayedPlant, center: Array, random: np.random.Generator
+    kind: Disturbance, plant: DelayedPlant, edge: _Edge, random: np.random.Generator
 ) -> Callable[[int, Array], Array]:
     W, count = plant.W, plant.W.generators.shape[1]
     if kind == "uniform":
         return lambda k, e: W.center + W.generators @ random.uniform(-1, 1, count)
     if kind == "vertex":
         return lambda k, e: W.center + W.generators @ random.choice([-1.0, 1.0], count)
+    onward = edge.normals @ plant.A_delay
 
     def aimed(k: int, e: Array) -> Array:
-        edge = problem.edge(center, e - center) if np.any(e != center) else None
-        normal = random.normal(size=plant.order) if edge is None or not np.isfinite(edge.distance) else edge.normal
-        return W.extreme(plant.A_delay.T @ normal)
+        if not len(onward):
+            return W.extreme(random.normal(size=plant.order))
+        return W.extreme(onward[int(np.argmax(edge.normals @ (e - edge.center)))])
 
     return aimed

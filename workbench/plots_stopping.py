@@ -116,8 +116,8 @@ def shadow(polytope: Polytope, directions: int = 40) -> Any:
     scale = np.array([polytope.support(row) for row in PLANE])  # the two axes have different units
     normals = np.stack([np.cos(angles), np.sin(angles)], axis=1) / scale
     reach = np.array([polytope.support(normal @ PLANE) for normal in normals])
-    pairs = zip(range(directions), np.roll(np.arange(directions), -1), strict=True)
-    return np.array([np.linalg.solve(normals[[i, j]], reach[[i, j]]) for i, j in pairs])
+    pairs = [np.array([i, (i + 1) % directions]) for i in range(directions)]
+    return np.array([np.linalg.solve(normals[pair], reach[pair]) for pair in pairs])
 
 
 def _box(h: Any, colour: str, label: str) -> Any:
