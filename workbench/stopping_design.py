@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from models.brake import Brake
-from models.quantity import InvalidValue, count, declared, quantity, switch
 from models.braking_curve import BrakingCurve
+from models.quantity import InvalidValue, count, declared, quantity, switch
 from workbench.predictive import DelayedPlant, DisturbanceModel, Tube
 from workbench.predictive.brake_model import STATES, BrakeModel, Method, brake_model
 from workbench.sets import Polytope, Zonotope, spectral_radius

@@ -11,9 +11,9 @@ import numpy as np
 import xarray as xr
 
 from models.brake import APPROACH, Brake
+from models.braking_curve import BrakingCurve
 from models.line import Line
 from models.quantity import InvalidValue, choice, count, declared, given, part, quantity, table
-from models.braking_curve import BrakingCurve
 from workbench.predictive import Tube
 from workbench.predictive.brake_model import BrakeModel, brake_model
 from workbench.stopping_design import (
