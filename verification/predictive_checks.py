@@ -151,16 +151,14 @@ def recursive_feasibility(
         f"{found.runs} runs of 60 samples from the edge of the feasible set, uniform, vertex and aimed disturbances: "
         f"{found.infeasible} infeasible, {found.violated} beyond a bound of the plant"
     )
-    margin = VIOLATION_TOLERANCE - found.worst_violation
     if found.witness is None:
-        return Finding(
-            standing=Standing.SUPPORTED, margin=margin, unit="units of the bound", witness=None, method=method
-        )
+        margin = VIOLATION_TOLERANCE - found.worst_violation
+        return Finding(standing=Standing.SUPPORTED, margin=margin, unit="units of the bound", method=method)
     w = found.witness
     return Finding(
         standing=Standing.REFUTED,
-        margin=margin,
-        unit="units of the bound",
+        margin=-max(found.infeasible, found.violated) / found.runs,
+        unit="of the runs",
         witness={
             "run": w.number,
             "kind": w.kind,
