@@ -44,18 +44,26 @@ class Campaign:
         result: Mapping[str, Callable[[], Any]] = self.study.figures(self.data)
         return result
 
+    def documents(self) -> Mapping[str, Any]:
+        """Return what the study writes besides, JSON by file name: a study may have ``documents(data)``."""
+        own = getattr(self.study, "documents", None)
+        result: Mapping[str, Any] = own(self.data) if own is not None else {}
+        return result
+
     def scores_json(self) -> dict[str, Any]:
         """Return the content of ``scores.json``."""
         return {"study": self.study.name, "settings": self.settings, "scores": self.scores()}
 
     def save(self, folder: str | os.PathLike[str]) -> Path:
-        """Write run.nc, scores.json and figures/ into a folder, all or nothing; return the folder.
+        """Write run.nc, scores.json, the study's documents and figures/, all or nothing; return the folder.
 
         Raises InvalidValue where the folder cannot be written.
         """
         with written_together(folder) as draft:
             write_run(self.data, draft / "run.nc")
             (draft / "scores.json").write_text(json.dumps(self.scores_json(), indent=2, allow_nan=False) + "\n")
+            for name, content in self.documents().items():
+                (draft / name).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
             write_figures(self.figures(), draft / "figures")
         return Path(folder)
 

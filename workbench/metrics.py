@@ -10,7 +10,7 @@ import xarray as xr
 from workbench.study import Scores
 
 
-def _number(value: Any) -> float | None:
+def finite(value: Any) -> float | None:
     """Return a finite float, or None for what does not exist or is not finite."""
     number = float(value)
     return number if np.isfinite(number) else None
@@ -19,7 +19,7 @@ def _number(value: Any) -> float | None:
 def _peak(values: Any) -> float | None:
     """Return the largest magnitude of what is not missing."""
     magnitudes = np.abs(values[~np.isnan(values)])
-    return _number(magnitudes.max()) if magnitudes.size else None
+    return finite(magnitudes.max()) if magnitudes.size else None
 
 
 def applied_inputs(data: xr.Dataset, controller: str) -> Any:
@@ -41,14 +41,14 @@ def trial_scores(study: Any, data: xr.Dataset) -> Scores:
         mse = one["mse"].values
         error = one["error"].values
         always = error[-1, 1 : least + 1]
-        diverged = _number(one["diverged_at_trial"])
+        diverged = finite(one["diverged_at_trial"])
         metrics: dict[str, float | None] = {
-            f"mse_trial_{i}": _number(mse[i - 1]) if mse.size >= i else None for i in (1, 50, 100)
+            f"mse_trial_{i}": finite(mse[i - 1]) if mse.size >= i else None for i in (1, 50, 100)
         }
         metrics |= {
-            "mse_last": _number(mse[-1]),
-            "mse_always_reached_last": _number(np.mean(always**2)),
-            "mse_max": None if diverged or np.isnan(mse).any() else _number(mse.max()),
+            "mse_last": finite(mse[-1]),
+            "mse_always_reached_last": finite(np.mean(always**2)),
+            "mse_max": None if diverged or np.isnan(mse).any() else finite(mse.max()),
             "max_abs_error_last": _peak(error[-1]),
             "diverged_at_trial": diverged,
         }

@@ -13,7 +13,7 @@ from typing import Any
 from models.quantity import InvalidValue
 from workbench.study import Study
 
-NAMES = ("metro", "maglev", "variable-gain", "ato", "same-plant")
+NAMES = ("metro", "maglev", "variable-gain", "ato", "stopping", "same-plant")
 """Names of the built-in studies, in the order of the list."""
 
 
