@@ -8,9 +8,11 @@ sum_{j<k} |H_kj| <= r, and 0 < l <= l_max = rho/(2 sqrt(lam)),
     |d_next(k)| <= (1 - l(k) (b_low - r)) max_{j<=k} |d(j)|        if  b_low > r  and  l_max (b_high + r) < 2,
 
 whatever positive phi(k, i) the estimator gives, and however phi differs between samples. Samples that a trial did
-not reach keep d. So max |d| never grows, and shrinks wherever trials reach: monotone convergence. With weights, the
-same holds for max_k |d(k)| a^k when r is replaced by r(a) = sum_{j<k} |H_kj| a^(k-j), which is small for small
-a; max |d| itself may then rise for a while, by the factor a^-N at most.
+not reach keep d. (The box must hold the trajectories of u, of u*, and of the inputs between them, all from the
+same initial state; measurement noise is left out.) So max |d| never grows, and shrinks wherever trials reach:
+monotone convergence. With weights, the same holds for max_k |d(k)| a^k when r is replaced by
+r(a) = sum_{j<k} |H_kj| a^(k-j), which is small for small a; max |d| itself may then rise for a while, by the factor
+a^-N at most.
 """
 
 from __future__ import annotations
@@ -35,6 +37,18 @@ def largest_gain(law: Any) -> float:
     return float(np.nextafter(law.rho / (2 * np.sqrt(law.lam)) * law.force_unit * (1 + 1e-15), np.inf))
 
 
+def _outside(evidence: Evidence) -> str | None:
+    """Return why the theorem does not speak of a law, or None."""
+    law = evidence.law
+    if evidence.degree != 1:
+        return f"the theorem is for relative degree 1, got {evidence.degree}"
+    if getattr(law, "q_cutoff_hz", None) is not None:
+        return "the theorem is for the law without its filter (q_cutoff_hz null)"
+    if law.phi0 is not None and law.phi0 < 0:
+        return f"the theorem is for a positive phi(k,1), got {law.phi0:g}"
+    return None
+
+
 def _first_gain(law: Any) -> float:
     phi = np.sqrt(law.lam) if law.phi0 is None else law.phi0
     return float(law.rho * phi / (law.lam + phi**2) * law.force_unit)
@@ -46,9 +60,12 @@ def monotone(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     REFUTED where, along the last trial's plan, the row sum of |H| off the diagonal exceeds the diagonal: then an
     input error of size 1 with the signs of that row grows.
     """
+    outside = _outside(evidence)
+    if outside:
+        return undecided(outside)
     slopes = slope_bounds(plant, box, increment=True)
-    if evidence.degree != 1 or slopes.reason:
-        return undecided(slopes.reason or f"the theorem is for relative degree 1, got {evidence.degree}")
+    if slopes.reason:
+        return undecided(slopes.reason)
     n = evidence.trajectories.u.shape[1]
     r = float(off_diagonal(slopes, n).max())
     gain = largest_gain(evidence.law)
@@ -87,9 +104,12 @@ def monotone(plant: Plant, evidence: Evidence, box: Box) -> Finding:
 
 def weighted(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     """The weighted input error max_k |d(k)| a^k falls from trial to trial, with the largest such a that was found."""
+    outside = _outside(evidence)
+    if outside:
+        return undecided(outside)
     slopes = slope_bounds(plant, box, increment=True)
-    if evidence.degree != 1 or slopes.reason:
-        return undecided(slopes.reason or f"the theorem is for relative degree 1, got {evidence.degree}")
+    if slopes.reason:
+        return undecided(slopes.reason)
     n = evidence.trajectories.u.shape[1]
     if not slopes.gain_low > 0:
         return undecided(f"the gain must be positive over the box, its bound is {slopes.gain_low:.3g}")

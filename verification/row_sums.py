@@ -2,6 +2,8 @@
 
 With |dx(k+1)/dx(k)| <= A and |dx(k+1)/du(k)| <= B elementwise over the box, the sum over earlier inputs of
 |dx(k)/du(j)| weight^(k-j) is at most R(k), R(k+1) = weight (A R(k) + B), R(0) = 0. Every float is rounded up.
+By the mean value theorem the sums bound differences of any two trials from one initial state, as long as they, and
+the trajectories of the inputs between theirs, stay in the box.
 """
 
 from __future__ import annotations

@@ -30,27 +30,69 @@ class Sweep(NamedTuple):
         return np.nan_to_num(self.mse_last, nan=np.inf) < self.mse_first
 
 
+class Runner:
+    """A controller's campaign, ready to be run with other values of its law's float fields."""
+
+    def __init__(self, campaign: Campaign, controller: str) -> None:
+        self.study = campaign.study
+        self.law = self.study.controllers[controller]
+        self.fold = self.study.fold(controller)
+        self.machine = compiled(self.fold.trial)
+        self.inputs, self.reference = self.study.inputs(), self.study.reference_samples
+        self.limit = (self.study.divergence_factor * float(np.abs(self.reference).max())) ** 2
+
+    def mse(self, **fields: float) -> list[float]:
+        """Return the MSE by trial with some fields changed, up to the trial at which it diverges."""
+        values = self.fold.values_of(dataclasses.replace(self.law, **fields))
+        mse: list[float] = []
+        for left in stream(
+            self.fold,
+            self.reference,
+            self.inputs,
+            trial=self.machine,
+            values=values,
+            carry_state=self.study.continues,
+        ):
+            mse.append(left.mse)
+            if self.gone(mse):
+                break
+        return mse
+
+    def gone(self, mse: list[float]) -> bool:
+        """Tell whether the last of these trials diverged."""
+        return not mse[-1] <= self.limit
+
+
 def sweep(campaign: Campaign, controller: str, field: str, values: Sequence[float]) -> Sweep:
     """Run a controller's campaign again for each value of one of its float fields, same trials otherwise."""
-    study = campaign.study
-    law = study.controllers[controller]
-    fold = study.fold(controller)
-    machine = compiled(fold.trial)
-    inputs, reference = study.inputs(), study.reference_samples
-    limit = (study.divergence_factor * float(np.abs(reference).max())) ** 2
-    last, peak, first = [], [], np.nan
-    for value in values:
-        changed = fold.values_of(dataclasses.replace(law, **{field: float(value)}))
-        mse: list[float] = []
-        for left in stream(fold, reference, inputs, trial=machine, values=changed, carry_state=study.continues):
-            mse.append(left.mse)
-            if not mse[-1] <= limit:
-                break
-        first = mse[0]
-        gone = not mse[-1] <= limit
-        last.append(np.nan if gone else mse[-1])
-        peak.append(np.inf if gone else max(mse))
-    return Sweep(field, np.asarray(values, dtype=float), first, np.array(last), np.array(peak))
+    runner = Runner(campaign, controller)
+    runs = [runner.mse(**{field: float(value)}) for value in values]
+    last = [np.nan if runner.gone(mse) else mse[-1] for mse in runs]
+    peak = [np.inf if runner.gone(mse) else max(mse) for mse in runs]
+    return Sweep(field, np.asarray(values, dtype=float), runs[0][0], np.array(last), np.array(peak))
+
+
+class Grid(NamedTuple):
+    """What became of a CFDL law for each lambda (rows) and force unit (columns)."""
+
+    lam: Any
+    force_unit: Any
+    mse_first: float
+    mse_last: Any
+    """NaN where the law diverged, (lambdas, units)."""
+
+
+def grid(campaign: Campaign, controller: str, lam: Sequence[float], force_unit: Sequence[float]) -> Grid:
+    """Run a CFDL controller's campaign again for every pair of lambda and force unit, same trials otherwise."""
+    runner = Runner(campaign, controller)
+    last = np.full((len(lam), len(force_unit)), np.nan)
+    first = np.nan
+    for i, weight in enumerate(lam):
+        for j, unit in enumerate(force_unit):
+            mse = runner.mse(lam=float(weight), force_unit=float(unit))
+            first = mse[0]
+            last[i, j] = np.nan if runner.gone(mse) else mse[-1]
+    return Grid(np.asarray(lam, dtype=float), np.asarray(force_unit, dtype=float), first, last)
 
 
 def boundary(found: Sweep) -> float | None:

@@ -153,6 +153,27 @@ def lambda_sweep(controller: str, found: Any, lines: dict[str, float], used: flo
         return figure
 
 
+def sweep_map(controller: str, found: Any, lines: dict[str, Any], used: tuple[float, float]) -> Any:
+    """Draw the last MSE over lambda and force unit, predicted boundaries as lines over the units, and what is used."""
+    with plt.rc_context({**STYLE, "axes.grid": False}):
+        figure, axes = plt.subplots()
+        norm = colors.LogNorm()
+        shown = axes.pcolormesh(
+            found.force_unit, found.lam, found.mse_last, norm=norm, cmap="cividis", shading="nearest"
+        )
+        figure.colorbar(shown, ax=axes, label="last MSE (output units^2)")
+        units, lams = np.meshgrid(found.force_unit, found.lam)
+        gone = ~(np.nan_to_num(found.mse_last, nan=np.inf) < found.mse_first)
+        axes.scatter(units[gone], lams[gone], marker="x", color="black", s=22, label="diverges, or ends above trial 1")
+        for index, (label, values) in enumerate(lines.items()):
+            axes.plot(found.force_unit, values, color="#D00000", linestyle=("-", "--")[index % 2], label=label)
+        axes.scatter(*used, marker="*", s=160, color="white", edgecolor="black", label="used", zorder=3)
+        axes.set(xscale="log", yscale="log", xlabel="force unit (N)", ylabel="lambda ((output/force unit)^2)")
+        axes.set(title=controller, ylim=(found.lam[0] / 2, found.lam[-1] * 2))
+        axes.legend(fontsize=8.5, loc="lower right")
+        return figure
+
+
 def predicted_against_observed(controller: str, predicted: Any, observed: Any) -> Any:
     """Draw the MSE by trial that the frozen lifted map predicts beside the observed one."""
     trials = np.arange(1, observed.size + 1)

@@ -62,6 +62,12 @@ class Dossier:
         """The law run with other values of lambda."""
         return sweeps.sweep(self.campaign, self.controller, "lam", sweeps.around(self.law.lam))
 
+    def grid(self, full: bool) -> sweeps.Grid:
+        """The law run over lambda and force unit, coarsely, or finely where ``full``."""
+        lam = sweeps.around(self.law.lam, 4.0, 25 if full else 9)
+        unit = sweeps.around(self.law.force_unit, 2.0, 17 if full else 5)
+        return sweeps.grid(self.campaign, self.controller, lam, unit)
+
     @cached_property
     def predicted_mse(self) -> Any:
         """The MSE by trial that the frozen map predicts, empty where there is no map."""
@@ -343,6 +349,17 @@ def _adaptive_figures(d: Dossier, full: bool) -> dict[str, Figure]:
             draw=partial(plots_ppd.lambda_sweep, name, d.lambda_sweep, lines, d.law.lam),
         ),
     }
+    found = d.grid(full)
+    b = biggest * found.force_unit
+    bounds = {
+        "(rho b)^2/16, b partial": (d.law.rho * b) ** 2 / 16,
+        "(rho b)^2/4, b partial": (d.law.rho * b) ** 2 / 4,
+    }
+    result[f"sweep_{name}"] = Figure(
+        caption=f"{name}: last MSE over lambda and the force unit, with the boundaries that theory predicts from the "
+        "partial derivative; crosses mark where the law does not converge.",
+        draw=partial(plots_ppd.sweep_map, name, found, bounds, (d.law.force_unit, d.law.lam)),
+    )
     return result
 
 
