@@ -170,7 +170,7 @@ def sweep_map(controller: str, found: Any, lines: dict[str, Any], used: tuple[fl
         axes.scatter(*used, marker="*", s=160, color="white", edgecolor="black", label="used", zorder=3)
         axes.set(xscale="log", yscale="log", xlabel="force unit (N)", ylabel="lambda ((output/force unit)^2)")
         axes.set(title=controller, ylim=(found.lam[0] / 2, found.lam[-1] * 2))
-        axes.legend(fontsize=8.5, loc="lower right")
+        figure.legend(fontsize=8.5, loc="outside lower center", ncols=2)
         return figure
 
 

@@ -6,9 +6,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
-from models.quantity import InvalidValue, declared, quantity
-from workbench import ppd_estimator, zero_phase
+from models.quantity import declared, quantity
+from workbench import zero_phase
 from workbench.controller import Task, Trial, constant_row, known
+from workbench.ppd_estimator import Parameters
 
 
 class Memory(NamedTuple):
@@ -23,7 +24,7 @@ class Memory(NamedTuple):
 
 
 @declared
-class Increment:
+class Increment(Parameters):
     """The law (13)-(15) of Jiao & Hou (2025) on z(k+1) = y(k+1) - y(k) in place of y(k+1). Ours.
 
     The lifted operator from inputs to increments is nearly diagonal where the plant is nearly an integrator, so
@@ -34,16 +35,7 @@ class Increment:
     source: ClassVar[str] = "ours, after Jiao & Hou 2025, (13)-(15)"
     learns_increment: ClassVar[bool] = True
 
-    eta: float = quantity(default=1.0, unit="1", doc="step of the estimator", above=0, most=1)
-    rho: float = quantity(default=0.245, unit="1", doc="step of the input", above=0, most=1)
-    lam: float = quantity(default=5e-5, unit="(output/force unit)^2", doc="weight on input changes", above=0)
-    mu: float = quantity(default=0.1, unit="(force unit)^2", doc="weight on estimate changes", above=0)
-    eps: float = quantity(default=1e-5, unit="force unit", doc="reset threshold of estimate and input change", above=0)
-    phi0: float | None = quantity(
-        default=None, unit="output/force unit", doc="phi(k,1); null takes sqrt(lam)", optional=True
-    )
     force_unit: float = quantity(default=10_000.0, unit="N", doc="the unit that the law computes forces in", above=0)
-    initial_input: float = quantity(default=1500.0, unit="N", doc="input of the first trial")
     q_cutoff_hz: float | None = quantity(
         default=None,
         unit="Hz",
@@ -52,11 +44,6 @@ class Increment:
         optional=True,
         structural=True,
     )
-
-    def check(self) -> None:
-        """Raise InvalidValue where phi0 is zero: its sign is the assumed control direction."""
-        if isinstance(self.phi0, float) and self.phi0 == 0:
-            raise InvalidValue("phi0 must not be 0 (its sign is the control direction), got 0.0")
 
     def refusal(self, study: Any) -> str | None:
         """Return the refusal of a filter that the sampling time does not admit."""
@@ -70,7 +57,7 @@ class Increment:
         n = task.samples
         u = constant_row(self.initial_input / self.force_unit, n)
         nothing = ca.DM.nan(1, n + 1), ca.DM.zeros(1, n + 1)
-        return Memory(u, constant_row(self._first(), n), u, *nothing, task.sampling_time)
+        return Memory(u, constant_row(self.first_estimate(), n), u, *nothing, task.sampling_time)
 
     def act(self, memory_k: Memory, state: Any, r: Any, r_next: Any, y: Any) -> tuple[Any, Any]:
         """Return the planned input in newtons."""
@@ -83,7 +70,7 @@ class Increment:
         du = memory.u - memory.u_before
         dz = _increment(trial.y) - _increment(memory.y_before)
         xi = known(both, dz - memory.phi * du)
-        phi = ppd_estimator.update(memory.phi, self._first(), du, xi, eta=self.eta, mu=self.mu, eps=self.eps)  # (15)
+        phi = self.update(memory.phi, du, xi)  # (15)
         e_next = known(reached, _increment(trial.e))
         u = memory.u + self.rho * phi / (self.lam + phi**2) * e_next  # (14)
         if self.q_cutoff_hz is not None:
@@ -93,9 +80,6 @@ class Increment:
     def ppd_estimate(self, memory: Memory) -> Any:
         """Return phi in output units per newton."""
         return memory.phi / self.force_unit
-
-    def _first(self) -> Any:
-        return ca.sqrt(self.lam) if self.phi0 is None else self.phi0
 
 
 def _increment(row: Any) -> Any:
