@@ -6,6 +6,7 @@ and on where the train is.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
@@ -136,12 +137,12 @@ class Brake(Plant):
             points.append(Motion(column[0], column[1], column[2]))
         return points
 
-    def rates_function(self) -> ca.Function:
-        """Return the equations in continuous time as a Function of motion, acting command and extra resistance."""
-        a, v, s, u, w = (ca.SX.sym(name) for name in ("acceleration", "speed", "position", "command", "resistance"))
-        rates = self.rates(Motion(a, v, s), u, self.resistance(v, s) + w)
-        names = ["acceleration", "speed", "position", "command", "resistance"]
-        return ca.Function("brake_rates", [a, v, s, u, w], list(rates), names, [f"d{name}_dt" for name in names[:3]])
+    def continuous(self, x: Any, u: Any, w: Any) -> Mapping[str, Any]:
+        """Return the rate of each moving state by name: the equations that the step integrates."""
+        motion = Motion(x.acceleration, x.speed, x.position)
+        acting = [u.command, *x][-1] if self.delay else u.command
+        rates = self.rates(motion, acting, self.resistance(x.speed, x.position) + w.resistance)
+        return rates._asdict()
 
     def _block_ends(self, blocks: tuple[float, ...]) -> tuple[float, ...]:
         return tuple(self.block_length * i for i in range(1, len(blocks)))
