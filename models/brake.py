@@ -6,7 +6,6 @@ and on where the train is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
@@ -43,6 +42,8 @@ class Brake(Plant):
     inputs = signals(command=("1", "brake command, 1 is full brake"))
     outputs = signals(speed=("m/s", "speed"))
     disturbances = signals(resistance=("m/s^2", "resistance per unit mass beyond that of the line"))
+
+    integrator: ClassVar[str] = "fourth-order Runge-Kutta, fine steps; the commands shift by one at each sample"
 
     lag: float = quantity(default=0.4, unit="s", doc="time constant of the brake (tau)", above=0)
     dead_time: float = quantity(default=1.0, unit="s", doc="dead time of the brake (Td)", least=0, structural=True)
@@ -137,12 +138,12 @@ class Brake(Plant):
             points.append(Motion(column[0], column[1], column[2]))
         return points
 
-    def continuous(self, x: Any, u: Any, w: Any) -> Mapping[str, Any]:
-        """Return the rate of each moving state by name: the equations that the step integrates."""
+    def slope(self, x: Any, u: Any, w: Any, t: Any) -> Any:
+        """Return dx/dt within a sample, where the commands stand still."""
         motion = Motion(x.acceleration, x.speed, x.position)
         acting = [u.command, *x][-1] if self.delay else u.command
         rates = self.rates(motion, acting, self.resistance(x.speed, x.position) + w.resistance)
-        return rates._asdict()
+        return (*rates, *(0.0 for _ in range(self.delay)))
 
     def _block_ends(self, blocks: tuple[float, ...]) -> tuple[float, ...]:
         return tuple(self.block_length * i for i in range(1, len(blocks)))

@@ -98,7 +98,7 @@ def test_blocks_replace_the_resistance_of_the_line():
         assert float(Brake().resistance(v, s)) == pytest.approx(resistance(v, s))
 
 
-def test_continuous_equations_are_those_of_the_path():
+def test_rates_and_dead_time():
     brake = Brake()
     at = brake.symbols()
     assert [str(name) for name in brake.rates(Motion(0, 0, 0), 0, 0)._fields] == ["acceleration", "speed", "position"]
