@@ -43,6 +43,8 @@ class Brake(Plant):
     outputs = signals(speed=("m/s", "speed"))
     disturbances = signals(resistance=("m/s^2", "resistance per unit mass beyond that of the line"))
 
+    integrator: ClassVar[str] = "fourth-order Runge-Kutta, fine steps; the commands shift by one at each sample"
+
     lag: float = quantity(default=0.4, unit="s", doc="time constant of the brake (tau)", above=0)
     dead_time: float = quantity(default=1.0, unit="s", doc="dead time of the brake (Td)", least=0, structural=True)
     full_brake: float = quantity(default=-1.07, unit="m/s^2", doc="acceleration at full brake (c)", below=0)
@@ -136,12 +138,12 @@ class Brake(Plant):
             points.append(Motion(column[0], column[1], column[2]))
         return points
 
-    def rates_function(self) -> ca.Function:
-        """Return the equations in continuous time as a Function of motion, acting command and extra resistance."""
-        a, v, s, u, w = (ca.SX.sym(name) for name in ("acceleration", "speed", "position", "command", "resistance"))
-        rates = self.rates(Motion(a, v, s), u, self.resistance(v, s) + w)
-        names = ["acceleration", "speed", "position", "command", "resistance"]
-        return ca.Function("brake_rates", [a, v, s, u, w], list(rates), names, [f"d{name}_dt" for name in names[:3]])
+    def slope(self, x: Any, u: Any, w: Any, t: Any) -> Any:
+        """Return dx/dt within a sample, where the commands stand still."""
+        motion = Motion(x.acceleration, x.speed, x.position)
+        acting = [u.command, *x][-1] if self.delay else u.command
+        rates = self.rates(motion, acting, self.resistance(x.speed, x.position) + w.resistance)
+        return (*rates, *(0.0 for _ in range(self.delay)))
 
     def _block_ends(self, blocks: tuple[float, ...]) -> tuple[float, ...]:
         return tuple(self.block_length * i for i in range(1, len(blocks)))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from verification.exact_schur import closed_loop, proved_schur
-from verification.verdict import Finding, Standing
+from verification.verdict import Finding, Standing, undecided
 from workbench.array import Array
 from workbench.linear_program import minimise
 from workbench.predictive import Tube
@@ -16,6 +16,9 @@ from workbench.sets import TOLERANCE, minimal_rpi, spectral_radius
 
 ROUNDING = 1e-9
 """Residual of a matrix equation that counts as rounding, relative to the largest entry of P."""
+
+FAR = 1e3
+"""Where a set without end in some direction is looked at."""
 
 FLOAT = "floating point; nothing here rounds outward"
 
@@ -103,6 +106,11 @@ def rpi(tube: Tube) -> Finding:
     worst, at = -np.inf, {}
     for row, offset, label, reach in zip(unit.H, unit.h, unit.labels, push, strict=True):
         answer = minimise(-(row @ tube.A_cl), unit.H, unit.h)
+        if answer.status == "unbounded":  # a point far out says the same and can be replayed
+            rows = np.vstack([unit.H, np.eye(unit.dimension), -np.eye(unit.dimension)])
+            answer = minimise(-(row @ tube.A_cl), rows, np.r_[unit.h, np.full(2 * unit.dimension, FAR)])
+        if answer.status != "optimal":
+            return undecided(f"the linear program along '{label}' came out {answer.status}")
         excess = float(-answer.value + reach - offset)
         if excess > worst:
             worst, at = excess, {"face": label, "e": answer.x, "w": tube.W_z.extreme(row)}

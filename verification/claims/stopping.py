@@ -178,7 +178,7 @@ def _feasibility(study: Stopping, horizons: Sequence[int], full: bool) -> list[C
                 Claim(
                     name="stopping.recursive_feasibility",
                     statement=statement,
-                    source=f"{PAPER}, theorem 1 and 2; the repaired sets",
+                    source=f"{PAPER}, (14)-(18), (26)-(29), with the repaired sets",
                     check=partial(_feasible, study, None, kind, N, runs),
                     controller=f"{kind}-n{N}",
                 )
@@ -188,7 +188,7 @@ def _feasibility(study: Stopping, horizons: Sequence[int], full: bool) -> list[C
                 Claim(
                     name=f"stopping.recursive_feasibility.config_{name}",
                     statement=f"{statement}, in configuration {name}",
-                    source=f"{PAPER}, theorem 1 and 2; the repaired sets",
+                    source=f"{PAPER}, (14)-(18), (26)-(29), with the repaired sets",
                     check=partial(_feasible, study, {"config": config}, kind, N, runs),
                     controller=f"{kind}-n{N}",
                 )

@@ -59,7 +59,7 @@ def _outcomes(campaign: Campaign, seeds: int) -> Table:
         (
             "RMPC and RSMPC stop within 50 cm for 3 <= N <= 15",
             "RSMPC: " + by_horizon("rsmpc", "stop_error_cm", cm),
-            f"on this line; at N={long} only because (27) refuses the longest holds: without it {cm(loose.error_cm)}",
+            f"on this line; without (27), which refuses the longest holds, N={long}: {cm(loose.error_cm)}",
         ),
         (
             "RSMPC switches far less often",
@@ -73,7 +73,7 @@ def _outcomes(campaign: Campaign, seeds: int) -> Table:
                 for beta in BETAS
             )
             + f" (N = {', '.join(str(N) for N in dict.fromkeys((short, long)))})",
-            "how much larger is decided by beta: at 1 nothing may be given up",
+            "holds where beta lets much be given up; at beta = 1 it is the other way round",
         ),
         (
             "RSMPC is more comfortable",

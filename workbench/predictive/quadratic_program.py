@@ -52,12 +52,17 @@ def kkt_residual(H: Array, f: Array, G: Array, g: Array, u: Array, multipliers: 
 def _residual(curve: Array, f: Array, G: Array, slack: Array, multipliers: Array) -> float:
     gradient = curve + f
     scale = 1.0 + math.sqrt(max(f.dot(f), curve.dot(curve)))
-    stationary = gradient + multipliers.dot(G)
-    worst = math.sqrt(stationary.dot(stationary)) / scale
-    if not len(slack):
-        return worst
-    sign, product = float(np.minimum.reduce(multipliers)), float(multipliers.dot(np.abs(slack)))
-    return max(worst, -float(np.minimum.reduce(slack)), -sign / scale, product / scale)
+    sign = product = broken = 0.0
+    active = multipliers.nonzero()[0]
+    if active.size:  # most problems have none or a few: the others have no part in what follows
+        prices = multipliers[active]
+        gradient += prices.dot(G[active])
+        sign, product = -float(prices[prices.argmin()]), float(prices.dot(np.abs(slack[active])))
+    if slack.size:
+        broken = -float(slack[slack.argmin()])  # argmin and an index take half the time of a minimum
+    stationary = math.sqrt(gradient.dot(gradient)) / scale
+    # max() may pass over what is not a number
+    return max(stationary, broken, sign / scale, product / scale) if stationary + broken < math.inf else math.inf
 
 
 class WarmQP:
