@@ -19,11 +19,13 @@ _FOLD = re.compile(
     re.DOTALL,
 )
 _ROW_LOOP = re.compile(
-    r"  for \(i=0, rr=(?P<rr>\w+)(?:, cr=(?P<cr>\w+))?(?:, cs=(?P<cs>\w+))?; i<(?P<n>\d+); \+\+i\) (?P<body>.*);"
+    r"  for \(i=0, rr=(?P<rr>\w+)(?:, cr=(?P<cr>\w+))?(?:, cs=(?P<cs>\w+))?; i<(?P<n>\d+); \+\+i\) "
+    r"(?P<body>(?!for ).*);"
 )
 _REPEAT = re.compile(
     r"for \(i=0;i<(?P<times>\d+);\+\+i\) \{\n    casadi_copy\(.*?, (?P<rows>\d+), (?P<buffer>w\d+)\+ i\*(?P=rows)\);"
 )
+_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 _TERM = r"([\w\[\]]+)"
 _BRANCHLESS = [  # what C says with branches, said so that the compiler works on several numbers at once
     (re.compile(rf"\({_TERM}&&{_TERM}\)"), r"(\1!=0 ? 1. : 0.)*(\2!=0 ? 1. : 0.)"),
@@ -127,6 +129,7 @@ def _fused(source: str) -> str:
     done: list[str] = []
     group: list[str] = []
     length = ""
+    source = _COMMENT.sub(lambda comment: comment[0].replace("\n", " "), source)  # matrices print on several lines
     for line in source.split("\n"):
         loop = _row_loop(line)
         if loop is None and group and line.startswith("  /* #"):

@@ -8,9 +8,16 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from models.actuator import Saturated
+from models.maglev import Maglev
+from models.metro_line import MetroLine
 from models.point_mass import PointMass
 from workbench.compiled import FLAGS, SHARED, compiler
 from workbench.controllers import ICFDL, PD
+from workbench.controllers.palc import PALC
+from workbench.controllers.palc_filtered import FilteredPALC
+from workbench.controllers.shuttle_pid import ShuttlePID
+from workbench.controllers.variable_gain import VariableGain
 from workbench.fold import build
 from workbench.generated import tightened
 
@@ -34,9 +41,20 @@ def built(source, name, folder, label):
 
 
 @needs_compiler
-@pytest.mark.parametrize("law", [ICFDL(), PD()], ids=lambda law: type(law).__name__)
-def test_same_bits_as_the_plain_source(law, tmp_path):
-    function = build(PointMass(), law, N).trial
+@pytest.mark.parametrize(
+    ("plant", "law"),
+    [
+        (PointMass(), ICFDL()),
+        (PointMass(), PD()),
+        (Maglev(), PALC()),
+        (Maglev(), ShuttlePID()),
+        (Saturated(plant=Maglev(), upper=1.0), FilteredPALC(lead_s=0.1, limit=1.0)),
+        (MetroLine(), VariableGain()),
+    ],
+    ids=lambda thing: type(thing).__name__,
+)
+def test_same_bits_as_the_plain_source(plant, law, tmp_path):
+    function = build(plant, law, N).trial
     plain = source_of(function, tmp_path)
     tight = tightened(plain)
     assert tight.count("_f3(") < plain.count("_f3(") or "for (k=0; k<60; ++k) {" in tight
@@ -45,7 +63,7 @@ def test_same_bits_as_the_plain_source(law, tmp_path):
     for _ in range(20):
         given = [rng.normal(size=function.size_in(i)) for i in range(function.n_in())]
         given[function.index_in("length")] = float(rng.integers(1, N + 1))
-        given[function.index_in("p")] = build(PointMass(), law, N).values
+        given[function.index_in("p")] = build(plant, law, N).values
         for a, b in zip(one(*given), other(*given), strict=True):
             np.testing.assert_array_equal(a.full(), b.full())
 
@@ -58,6 +76,9 @@ ROWS = {
     "not": lambda x, y: ca.logic_not(x > 0) + y,
     "extremes": lambda x, y: ca.fmax(x, y) - ca.fmin(x, 2 * y),
     "shifted": lambda x, y: ca.horzcat((x + y)[1:] * x[:-1] + ca.fabs(y[1:]), 1),
+    "transposed": lambda x, y: ca.reshape(ca.repmat(x > 0, 2, 1).T, 1, 18)[:9] + y,
+    "several rows": lambda x, y: ca.sum1(ca.if_else(ca.repmat(x > 0, 2, 1), ca.vertcat(y, -x), ca.DM.nan(2, 9))),
+    "long constants": lambda x, y: ca.if_else(x > 0, y, x * y) + ca.DM(range(9)).T * (x <= ca.DM.nan(1, 9)),
     "sign": lambda x, y: ca.sign(x) * ca.sqrt(ca.fabs(y)) + (x == y),
 }
 

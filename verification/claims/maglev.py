@@ -17,7 +17,6 @@ from verification.variants import Variants
 from verification.verdict import Claim, Finding, Standing, Verdict, undecided
 from workbench import settings
 from workbench.campaign import Campaign
-from workbench.maglev_scores import itae
 from workbench.plots_maglev import error_by_period, figures
 from workbench.shuttle_force import errors
 
@@ -351,8 +350,9 @@ def _tables(evidence: Evidence) -> Sequence[Table]:
 
     error, names = "max_position_error_last", list(scores)
     ratio = "-"
-    if {"pid", "palc"} <= set(names):
-        ratio = f"{itae(evidence.study, evidence.campaign.data, 'pid')[-1] / scores['palc']['itae_last']:.0f}"
+    pid, palc = (scores.get(name, {}).get("itae_last") for name in ("pid", "palc"))
+    if pid and palc:
+        ratio = f"{pid / palc:.0f}"
     rows = [
         ("max position error, PID", "3.12 m", all_of(scores, error, "m", ["pid"]), "the line is ours, chosen near it"),
         (
