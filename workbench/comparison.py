@@ -63,6 +63,11 @@ class Comparison:
             raise InvalidValue(f"mass_off_percent must be 0 for {self.plant.name}, which has no mass")
         self.actuator.wrapped(self.plant)
 
+    @property
+    def controllers(self) -> dict[str, Any]:
+        """The laws by name, with the settings that tuning starts from."""
+        return {name: one.law for name, one in self.laws.items()}
+
     def study(self, laws: Mapping[str, Any], *, true: bool, seed: int) -> TrialStudy:
         """Return the study made of trials with some laws, on the true or on the nominal plant."""
         plant: Any = self.plant
@@ -82,7 +87,7 @@ class Comparison:
 
     def refusals(self) -> dict[str, str]:
         """Return why laws cannot run on the plant, by name."""
-        study = self.study({name: one.law for name, one in self.laws.items()}, true=True, seed=self.seed)
+        study = self.study(self.controllers, true=True, seed=self.seed)
         found = {}
         for name, law in study.controllers.items():
             reason = law.refusal(study) if isinstance(law, Choosy) else None
@@ -174,7 +179,7 @@ class Comparison:
         for name, law in laws.items():
             found[name] = self._scored(data.sel(controller=name), law)
         nothing = dict.fromkeys(next(iter(found.values())))
-        return {name: found.get(name, dict(nothing)) for name in self.laws}
+        return found | {str(name): dict(nothing) for name in data["refused_law"].values}
 
     def _scored(self, one: xr.Dataset, law: Any) -> dict[str, float | None]:
         ts = float(self.plant.sampling_time)
