@@ -11,6 +11,8 @@ import pytest
 from models.point_mass import PointMass
 from workbench.compiled import FLAGS, SHARED, compiler
 from workbench.controllers import ICFDL, PD
+from workbench.controllers.bp_fipid import BPFIPID
+from workbench.controllers.fipid import FIPID
 from workbench.fold import build
 from workbench.generated import tightened
 
@@ -34,7 +36,7 @@ def built(source, name, folder, label):
 
 
 @needs_compiler
-@pytest.mark.parametrize("law", [ICFDL(), PD()], ids=lambda law: type(law).__name__)
+@pytest.mark.parametrize("law", [ICFDL(), PD(), FIPID(), BPFIPID()], ids=lambda law: type(law).__name__)
 def test_same_bits_as_the_plain_source(law, tmp_path):
     function = build(PointMass(), law, N).trial
     plain = source_of(function, tmp_path)
@@ -57,6 +59,7 @@ ROWS = {
     "or": lambda x, y: ca.logic_or(x > 0, y > 0),
     "not": lambda x, y: ca.logic_not(x > 0) + y,
     "extremes": lambda x, y: ca.fmax(x, y) - ca.fmin(x, 2 * y),
+    "stacked": lambda x, y: ca.vertcat(x, y, x + y),
     "shifted": lambda x, y: ca.horzcat((x + y)[1:] * x[:-1] + ca.fabs(y[1:]), 1),
     "sign": lambda x, y: ca.sign(x) * ca.sqrt(ca.fabs(y)) + (x == y),
 }
