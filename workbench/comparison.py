@@ -16,6 +16,7 @@ from models.quantity import InvalidValue, count, declared, given, part, quantity
 from workbench.candidates import Candidate, candidates
 from workbench.compiled import compiled
 from workbench.controller import Choosy, Learning
+from workbench.controllers.odometry import Odometry
 from workbench.disturbance import SpeedNoise
 from workbench.fold import build, stream
 from workbench.study import Progress, Scores
@@ -73,13 +74,14 @@ class Comparison:
         plant: Any = self.plant
         if true and self.mass_off_percent:
             plant = dataclasses.replace(plant, mass=plant.mass * (1 + self.mass_off_percent / 100))
+        limited = {name: law.behind(self.actuator) if hasattr(law, "behind") else law for name, law in laws.items()}
         return TrialStudy(
             name=self.name,
             title=self.title,
             source=self.source,
             plant=self.actuator.wrapped(plant),
             reference=self.reference,
-            controllers=laws,
+            controllers=limited,
             trials=self.trials,
             noise=self.noise,
             seed=seed,
@@ -110,7 +112,7 @@ class Comparison:
         with progress(len(suited) * self.budget, f"tune {self.name}") as advance:
             for index, (name, one) in enumerate(suited.items()):
                 tuned[name] = self._tuned(one, index, advance)
-        laws = {name: dataclasses.replace(one.law, **tuned[name].settings) for name, one in suited.items()}
+        laws = {name: one.tuned(tuned[name].settings) for name, one in suited.items()}
         data = self.study(laws, true=True, seed=self.seed).simulate(progress)
         return self._told(data, refused, tuned)
 
@@ -118,11 +120,11 @@ class Comparison:
         nominal = self.study({"law": one.law}, true=False, seed=_tuning_seed(self.seed))
         fold = nominal.fold("law")
         machine = compiled(fold.trial)
-        inputs = nominal.inputs() if isinstance(one.law, Learning) else nominal.inputs()[:JUDGED]
+        inputs = nominal.inputs() if learns(one.law) else nominal.inputs()[:JUDGED]
         reference = nominal.reference_samples
 
         def cost(settings: Mapping[str, float]) -> float:
-            values = fold.values_of(dataclasses.replace(one.law, **settings))
+            values = fold.values_of(one.tuned(settings))
             mse = []
             for left in stream(fold, reference, inputs, trial=machine, values=values):
                 mse.append(left.mse)
@@ -131,8 +133,7 @@ class Comparison:
             advance(1)
             return float(np.mean(mse[-JUDGED:]))
 
-        first = {name: float(getattr(one.law, name)) for name in one.ranges}
-        return tune(cost, one.ranges, first, self.budget, _tuning_seed(self.seed) + index)
+        return tune(cost, one.ranges, one.first, self.budget, _tuning_seed(self.seed) + index)
 
     def _told(self, data: xr.Dataset, refused: Mapping[str, str], tuned: Mapping[str, Tuned]) -> xr.Dataset:
         """Return the record with what tuning found, and with refused laws by name and reason."""
@@ -161,9 +162,7 @@ class Comparison:
     def tuned_laws(self, data: xr.Dataset) -> dict[str, Any]:
         """Return the laws with the settings that tuning found, from the record."""
         return {
-            str(name): dataclasses.replace(
-                self.laws[str(name)].law, **json.loads(str(data["tuned"].sel(controller=name).values))
-            )
+            str(name): self.laws[str(name)].tuned(json.loads(str(data["tuned"].sel(controller=name).values)))
             for name in data["controller"].values
         }
 
@@ -189,7 +188,7 @@ class Comparison:
         applied = [name for name in one if str(name).startswith("applied_")]
         force = last[applied[0] if applied else "input"].values[:-1]
         whole = bool(np.isfinite(mse).all())
-        near = np.flatnonzero(mse > NEAR_FINAL * mse[-1]) if whole and isinstance(law, Learning) else np.zeros(0)
+        near = np.flatnonzero(mse > NEAR_FINAL * mse[-1]) if whole and learns(law) else np.zeros(0)
         power = np.maximum(force * (speed[:-1] + speed[1:]) / 2, 0.0)
         return {
             "mse": _number(mse.mean()),
@@ -207,6 +206,11 @@ class Comparison:
         from workbench.plots_compare import comparison_figures
 
         return comparison_figures(self, data)
+
+
+def learns(law: Any) -> bool:
+    """Tell whether a law learns between trials, looking into an adapter."""
+    return isinstance(law.law if isinstance(law, Odometry) else law, Learning)
 
 
 def _number(value: Any) -> float | None:

@@ -45,6 +45,13 @@ def test_limits_break_what_proofs_assume(limited):
     assert report.conclusion
 
 
+def test_quadratic_programs_that_are_not_solved_are_seen():
+    found, _ = standings(["tracking-mpc"])
+    assert found["qp_solved", "tracking-mpc"] is SUPPORTED
+    found, _ = standings(["tracking-mpc"], "laws.tracking-mpc.law.sweeps=1", "laws.tracking-mpc.law.blocks=8")
+    assert found["qp_solved", "tracking-mpc"] is REFUTED
+
+
 def test_without_limits_the_plant_is_smooth():
     found, _ = standings(["pid", "icfdl"], *FREE)
     assert found["A1", "icfdl"] is PROVED

@@ -19,8 +19,10 @@ from workbench.compare import table
 from workbench.controllers.bp_fipid import BPFIPID
 from workbench.controllers.fipid import FIPID
 from workbench.controllers.pid import PID
+from workbench.controllers.tracking_mpc import TrackingMPC
 from workbench.tuning import PROCEDURE
 
+SOLVED = 0.01
 POINTS = 9  # along the reference, at which the loop is linearised
 BANDED = ("asymptotic", "monotone", "peak")
 NEEDED = ("A1", "A2.printed", "A4.printed", "theorem1")
@@ -65,6 +67,16 @@ def _acting(ran: Campaign, name: str, law: Any) -> list[Claim]:
             controller=name,
         )
     ]
+    if isinstance(law, TrackingMPC):
+        claims.append(
+            Claim(
+                name="same-plant.qp_solved",
+                statement=f"a further sweep would move no plan by more than {SOLVED:g} of its unit",
+                source="ours: the fixed point of projected Gauss-Seidel is the optimum of a strictly convex QP",
+                check=partial(_solved, ran.data, name),
+                controller=name,
+            )
+        )
     if isinstance(law, (FIPID, BPFIPID)):
         claims.append(
             Claim(
@@ -115,6 +127,19 @@ def _unsaturated(data: Any, name: str) -> Finding:
             "share of samples cut": float(np.mean(cut > 1e-9 * scale)),
         },
         method="command and applied input, last trial",
+    )
+
+
+def _solved(data: Any, name: str) -> Finding:
+    residual = data["law_residual"].sel(controller=name).values
+    trial, k = (int(i) for i in np.unravel_index(int(np.nanargmax(residual)), residual.shape))
+    largest = float(residual[trial, k])
+    return Finding(
+        standing=Standing.SUPPORTED if largest <= SOLVED else Standing.REFUTED,
+        margin=SOLVED - largest,
+        unit="1",
+        witness={"trial": trial + 1, "sample": k, "residual": largest},
+        method=f"the residual of all {int(np.isfinite(residual).sum())} quadratic programs",
     )
 
 
