@@ -36,17 +36,32 @@ def trials_done(campaign: Campaign, controller: str) -> int:
 
 
 def recorded(campaign: Campaign, controller: str) -> Trajectories:
-    """Return a controller's trajectories from the record; trials not run, and one that diverged, are left out."""
+    """Return a controller's trajectories from the record; trials not run, and one that diverged, are left out.
+
+    States that runs do not record (those of actuators, which begin at zero) come from running the plant again over
+    the recorded inputs.
+    """
     plant = campaign.study.plant
     data = campaign.data.sel(controller=controller)
     done = trials_done(campaign, controller)
     first = {signal.name: "" if i == 0 else f"_{signal.name}" for i, signal in enumerate(plant.outputs)}
-    rows = [data[f"output{first[s.name]}"] if s.name in first else data[f"state_{s.name}"] for s in plant.states]
+    lengths = data["trial_length"].values[:done].astype(int)
+    u = data["input"].values[:done, :-1]
+    names = [f"output{first[s.name]}" if s.name in first else f"state_{s.name}" for s in plant.states]
+    x = np.zeros((done, len(names), u.shape[1] + 1))
+    for i, name in enumerate(names):
+        if name in data:
+            x[:, i] = data[name].values[:done]
+    missing = [i for i, name in enumerate(names) if name not in data]
+    for trial in range(done if missing else 0):
+        again, _ = rollout(plant, x[trial, :, 0], np.nan_to_num(u[trial]))
+        again[:, lengths[trial] + 1 :] = np.nan
+        x[trial, missing] = again[missing]
     return Trajectories(
-        np.stack([row.values[:done] for row in rows], axis=1),
-        data["input"].values[:done, :-1],
+        x,
+        u,
         data["output"].values[:done],
-        data["trial_length"].values[:done].astype(int),
+        lengths,
         data["ppd_estimate"].values[:done, :-1],
     )
 

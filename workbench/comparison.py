@@ -16,6 +16,7 @@ from models.quantity import InvalidValue, count, declared, given, part, quantity
 from workbench.candidates import Candidate, candidates
 from workbench.compiled import compiled
 from workbench.controller import Choosy, Learning
+from workbench.controllers.odometry import Odometry
 from workbench.disturbance import SpeedNoise
 from workbench.fold import build, stream
 from workbench.study import Progress, Scores
@@ -63,18 +64,24 @@ class Comparison:
             raise InvalidValue(f"mass_off_percent must be 0 for {self.plant.name}, which has no mass")
         self.actuator.wrapped(self.plant)
 
+    @property
+    def controllers(self) -> dict[str, Any]:
+        """The laws by name, with the settings that tuning starts from."""
+        return {name: one.law for name, one in self.laws.items()}
+
     def study(self, laws: Mapping[str, Any], *, true: bool, seed: int) -> TrialStudy:
         """Return the study made of trials with some laws, on the true or on the nominal plant."""
         plant: Any = self.plant
         if true and self.mass_off_percent:
             plant = dataclasses.replace(plant, mass=plant.mass * (1 + self.mass_off_percent / 100))
+        limited = {name: law.behind(self.actuator) if hasattr(law, "behind") else law for name, law in laws.items()}
         return TrialStudy(
             name=self.name,
             title=self.title,
             source=self.source,
             plant=self.actuator.wrapped(plant),
             reference=self.reference,
-            controllers=laws,
+            controllers=limited,
             trials=self.trials,
             noise=self.noise,
             seed=seed,
@@ -82,7 +89,7 @@ class Comparison:
 
     def refusals(self) -> dict[str, str]:
         """Return why laws cannot run on the plant, by name."""
-        study = self.study({name: one.law for name, one in self.laws.items()}, true=True, seed=self.seed)
+        study = self.study(self.controllers, true=True, seed=self.seed)
         found = {}
         for name, law in study.controllers.items():
             reason = law.refusal(study) if isinstance(law, Choosy) else None
@@ -105,7 +112,7 @@ class Comparison:
         with progress(len(suited) * self.budget, f"tune {self.name}") as advance:
             for index, (name, one) in enumerate(suited.items()):
                 tuned[name] = self._tuned(one, index, advance)
-        laws = {name: dataclasses.replace(one.law, **tuned[name].settings) for name, one in suited.items()}
+        laws = {name: one.tuned(tuned[name].settings) for name, one in suited.items()}
         data = self.study(laws, true=True, seed=self.seed).simulate(progress)
         return self._told(data, refused, tuned)
 
@@ -113,11 +120,11 @@ class Comparison:
         nominal = self.study({"law": one.law}, true=False, seed=_tuning_seed(self.seed))
         fold = nominal.fold("law")
         machine = compiled(fold.trial)
-        inputs = nominal.inputs() if isinstance(one.law, Learning) else nominal.inputs()[:JUDGED]
+        inputs = nominal.inputs() if learns(one.law) else nominal.inputs()[:JUDGED]
         reference = nominal.reference_samples
 
         def cost(settings: Mapping[str, float]) -> float:
-            values = fold.values_of(dataclasses.replace(one.law, **settings))
+            values = fold.values_of(one.tuned(settings))
             mse = []
             for left in stream(fold, reference, inputs, trial=machine, values=values):
                 mse.append(left.mse)
@@ -126,8 +133,7 @@ class Comparison:
             advance(1)
             return float(np.mean(mse[-JUDGED:]))
 
-        first = {name: float(getattr(one.law, name)) for name in one.ranges}
-        return tune(cost, one.ranges, first, self.budget, _tuning_seed(self.seed) + index)
+        return tune(cost, one.ranges, one.first, self.budget, _tuning_seed(self.seed) + index)
 
     def _told(self, data: xr.Dataset, refused: Mapping[str, str], tuned: Mapping[str, Tuned]) -> xr.Dataset:
         """Return the record with what tuning found, and with refused laws by name and reason."""
@@ -156,9 +162,7 @@ class Comparison:
     def tuned_laws(self, data: xr.Dataset) -> dict[str, Any]:
         """Return the laws with the settings that tuning found, from the record."""
         return {
-            str(name): dataclasses.replace(
-                self.laws[str(name)].law, **json.loads(str(data["tuned"].sel(controller=name).values))
-            )
+            str(name): self.laws[str(name)].tuned(json.loads(str(data["tuned"].sel(controller=name).values)))
             for name in data["controller"].values
         }
 
@@ -174,7 +178,7 @@ class Comparison:
         for name, law in laws.items():
             found[name] = self._scored(data.sel(controller=name), law)
         nothing = dict.fromkeys(next(iter(found.values())))
-        return {name: found.get(name, dict(nothing)) for name in self.laws}
+        return found | {str(name): dict(nothing) for name in data["refused_law"].values}
 
     def _scored(self, one: xr.Dataset, law: Any) -> dict[str, float | None]:
         ts = float(self.plant.sampling_time)
@@ -184,7 +188,7 @@ class Comparison:
         applied = [name for name in one if str(name).startswith("applied_")]
         force = last[applied[0] if applied else "input"].values[:-1]
         whole = bool(np.isfinite(mse).all())
-        near = np.flatnonzero(mse > NEAR_FINAL * mse[-1]) if whole and isinstance(law, Learning) else np.zeros(0)
+        near = np.flatnonzero(mse > NEAR_FINAL * mse[-1]) if whole and learns(law) else np.zeros(0)
         power = np.maximum(force * (speed[:-1] + speed[1:]) / 2, 0.0)
         return {
             "mse": _number(mse.mean()),
@@ -202,6 +206,11 @@ class Comparison:
         from workbench.plots_compare import comparison_figures
 
         return comparison_figures(self, data)
+
+
+def learns(law: Any) -> bool:
+    """Tell whether a law learns between trials, looking into an adapter."""
+    return isinstance(law.law if isinstance(law, Odometry) else law, Learning)
 
 
 def _number(value: Any) -> float | None:

@@ -20,7 +20,7 @@ _FOLD = re.compile(
 )
 _ROW_LOOP = re.compile(
     r"  for \(i=0, rr=(?P<rr>\w+)(?:, cr=(?P<cr>\w+))?(?:, cs=(?P<cs>\w+))?; i<(?P<n>\d+); \+\+i\) "
-    r"(?P<body>(?!for ).*);"
+    r"(?P<body>(?!for ).*);"  # a transpose has a loop in its body
 )
 _REPEAT = re.compile(
     r"for \(i=0;i<(?P<times>\d+);\+\+i\) \{\n    casadi_copy\(.*?, (?P<rows>\d+), (?P<buffer>w\d+)\+ i\*(?P=rows)\);"

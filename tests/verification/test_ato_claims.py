@@ -14,8 +14,8 @@ from models.quantity import InvalidValue
 from models.transfer import Transfer
 from verification.claims.ato import examine, f_continuous
 from verification.continuity import continuous_by_composition, find_jump
-from verification.critical_gain import critical_gain, incremental_pid
 from verification.examination import verify
+from verification.linear_loop import critical_gain, incremental_pid
 from verification.relative_degree import relative_degree
 from verification.verdict import Standing
 from workbench.campaign import Campaign, run

@@ -14,6 +14,8 @@ from models.metro_line import MetroLine
 from models.point_mass import PointMass
 from workbench.compiled import FLAGS, SHARED, compiler
 from workbench.controllers import ICFDL, PD
+from workbench.controllers.bp_fipid import BPFIPID
+from workbench.controllers.fipid import FIPID
 from workbench.controllers.palc import PALC
 from workbench.controllers.palc_filtered import FilteredPALC
 from workbench.controllers.shuttle_pid import ShuttlePID
@@ -46,6 +48,8 @@ def built(source, name, folder, label):
     [
         (PointMass(), ICFDL()),
         (PointMass(), PD()),
+        (PointMass(), FIPID()),
+        (PointMass(), BPFIPID()),
         (Maglev(), PALC()),
         (Maglev(), ShuttlePID()),
         (Saturated(plant=Maglev(), upper=1.0), FilteredPALC(lead_s=0.1, limit=1.0)),
@@ -75,6 +79,7 @@ ROWS = {
     "or": lambda x, y: ca.logic_or(x > 0, y > 0),
     "not": lambda x, y: ca.logic_not(x > 0) + y,
     "extremes": lambda x, y: ca.fmax(x, y) - ca.fmin(x, 2 * y),
+    "stacked": lambda x, y: ca.vertcat(x, y, x + y),
     "shifted": lambda x, y: ca.horzcat((x + y)[1:] * x[:-1] + ca.fabs(y[1:]), 1),
     "transposed": lambda x, y: ca.reshape(ca.repmat(x > 0, 2, 1).T, 1, 18)[:9] + y,
     "several rows": lambda x, y: ca.sum1(ca.if_else(ca.repmat(x > 0, 2, 1), ca.vertcat(y, -x), ca.DM.nan(2, 9))),

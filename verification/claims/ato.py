@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 
 from verification.continuity import continuous_by_composition, find_jump
-from verification.critical_gain import critical_gain, incremental_pid
 from verification.examination import Examination, Table
+from verification.linear_loop import critical_gain, incremental_pid
 from verification.relative_degree import relative_degree
 from verification.verdict import Claim, Finding, Standing, Verdict, undecided
 from workbench import immune

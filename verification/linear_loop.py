@@ -1,4 +1,4 @@
-"""The gain at which a linear loop begins to oscillate, by python-control."""
+"""Linear loops by python-control: are they stable, and from which gain on are they not."""
 
 from __future__ import annotations
 
@@ -15,13 +15,11 @@ def critical_gain(loop: Any, most: float = 1e6) -> float:
     ``loop`` is a discrete-time python-control system L with one input and output whose closed loop is stable for
     small K. K is bisected on the closed loop's poles to a relative 1e-12.
     """
-    import control
-
     if not loop.isdtime(strict=True):
         raise InvalidValue("critical_gain needs a discrete-time loop")
 
     def radius(gain: float) -> float:
-        return float(np.abs(control.feedback(gain * loop, 1).poles()).max())
+        return spectral_radius(gain * loop)
 
     low = 1e-3
     if radius(low) >= 1:
@@ -35,6 +33,35 @@ def critical_gain(loop: Any, most: float = 1e6) -> float:
         middle = (low + high) / 2
         low, high = (middle, high) if radius(middle) < 1 else (low, middle)
     return (low + high) / 2
+
+
+def spectral_radius(loop: Any) -> float:
+    """Return the largest magnitude of the closed loop's poles, 1 + L(z) = 0; below 1 the loop is stable."""
+    import control
+
+    return float(np.abs(control.feedback(loop, 1).poles()).max())
+
+
+def observed(system: Any) -> Any:
+    """Return a python-control StateSpace without the states that cannot reach its output, such as a position.
+
+    A state reaches the output if it stands in it, or in the next value of a state that does: exact zeros decide.
+    """
+    import control
+
+    a, c = np.asarray(system.A), np.asarray(system.C)
+    kept = (c != 0).any(axis=0)
+    while (grown := kept | (a[kept] != 0).any(axis=0)).sum() > kept.sum():
+        kept = grown
+    return control.StateSpace(a[np.ix_(kept, kept)], np.asarray(system.B)[kept], c[:, kept], system.D, system.dt)
+
+
+def positional_pid(kp: float, ki: float, kd: float, sampling_time: float) -> Any:
+    """Return python-control's StateSpace of kp + ki Ts/(1 - z^-1) + kd (1 - z^-1)/Ts."""
+    import control
+
+    numerator = [kp + ki * sampling_time + kd / sampling_time, -kp - 2 * kd / sampling_time, kd / sampling_time]
+    return control.ss(control.TransferFunction(numerator, [1, -1, 0], sampling_time))
 
 
 def incremental_pid(ki: float, kd: float, sampling_time: float) -> Any:

@@ -1,0 +1,149 @@
+"""Tracking MPC on a linear model with an estimated disturbance, its quadratic program solved inside the fold."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar, NamedTuple
+
+import casadi as ca
+
+from models.actuator import Actuator
+from models.plant import Signal, signals
+from models.quantity import InvalidValue, count, declared, quantity
+from workbench.controller import Task, Trial
+
+
+class Memory(NamedTuple):
+    """The references of the samples to come, (horizon, N), and the sampling time."""
+
+    ahead: Any
+    sampling_time: Any
+
+
+class Acting(NamedTuple):
+    """Last input and output, the estimated disturbance, the last plan, and how far that was from the optimum."""
+
+    u: Any
+    y: Any
+    d: Any
+    plan: Any
+    residual: Any
+
+
+@declared
+class TrackingMPC:
+    """Minimise sum (r - y)^2 + weight sum (change of u)^2 over a horizon, u constant in blocks between its limits.
+
+    The model is y(k+1) = a y(k) + b u(k) + d, with d the last model error, low-pass filtered, so that tracking has
+    no offset. The box-constrained quadratic program is solved by projected Gauss-Seidel sweeps from the last plan,
+    shifted; ``residual``, which the law tells, is the largest step that a further sweep would begin with, relative to
+    ``input_unit``. A rate limit is known to the estimator only: the plan is cut to it at the sample.
+    """
+
+    source: ClassVar[str] = "ours, after Rawlings, Mayne & Diehl, Model Predictive Control, 2017, 1.5"
+    tells: ClassVar[tuple[Signal, ...]] = signals(residual=("1", "step left by the QP's solution"))
+    solves_per_sample: ClassVar[int] = 1
+
+    a: float = quantity(default=1.0, unit="1", doc="dy(k+1)/dy(k) of the model")
+    b: float = quantity(default=1.0, unit="output/input unit", doc="dy(k+1)/du(k) of the model")
+    weight: float = quantity(default=0.1, unit="(output/input unit)^2", doc="weight on changes of u", above=0)
+    smoothing: float = quantity(default=0.3, unit="1", doc="share of a new model error in d", above=0, most=1)
+    horizon: int = count(default=20, unit="samples", doc="samples that are looked ahead", least=1, most=200)
+    blocks: int = count(default=5, doc="blocks of constant input in the horizon", least=1, most=20)
+    sweeps: int = count(default=40, doc="Gauss-Seidel sweeps a sample", least=1, most=500)
+    input_unit: float = quantity(default=1.0, unit="plant's input", doc="the unit that the law gives u in", above=0)
+    lower: float | None = quantity(
+        default=None, unit="plant's input", doc="least input", optional=True, structural=True
+    )
+    upper: float | None = quantity(
+        default=None, unit="plant's input", doc="largest input", optional=True, structural=True
+    )
+    rate: float | None = quantity(
+        default=None, unit="plant's input/s", doc="largest rate of change", above=0, optional=True, structural=True
+    )
+
+    def check(self) -> None:
+        """Raise InvalidValue where there are more blocks than samples, or limits cross."""
+        if self.blocks > self.horizon:
+            raise InvalidValue(f"blocks must not exceed the horizon of {self.horizon} samples, got {self.blocks}")
+        if self.lower is not None and self.upper is not None and self.lower >= self.upper:
+            raise InvalidValue(f"lower must lie below upper, got {self.lower!r} and {self.upper!r}")
+
+    def behind(self, actuator: Actuator) -> TrackingMPC:
+        """Return the law with the limits of an actuator."""
+        return dataclasses.replace(self, lower=actuator.lower, upper=actuator.upper, rate=actuator.rate)
+
+    def refusal(self, study: Any) -> str | None:
+        """Return the refusal of plants with several inputs or outputs."""
+        if len(study.plant.inputs) == len(study.plant.outputs) == 1:
+            return None
+        return f"the model has one input and one output, {study.plant.name} has others"
+
+    def start(self, task: Task) -> Memory:
+        """Return the references ahead of every sample, the last one held."""
+        n, r = task.samples, task.reference[0, :]
+        rows = []
+        for j in range(1, self.horizon + 1):
+            known = r[:, min(j, n) : n + 1]
+            rows.append(ca.horzcat(known, ca.repmat(r[:, n], 1, n - known.shape[1])))
+        ts = task.sampling_time
+        return Memory(ca.vertcat(*rows), ca.MX(ts) if isinstance(ts, ca.MX) else ca.DM(ts))
+
+    def ready(self, memory: Memory) -> Acting:
+        """Return the state before the first sample: everything 0."""
+        return Acting(0, 0, 0, ca.DM.zeros(self.blocks), 0)
+
+    def act(self, memory_k: Memory, state: Acting, r: Any, r_next: Any, y: Any) -> tuple[Any, Acting]:
+        """Return the first input of the plan and the state after a sample."""
+        y = y[0]
+        error = y - self.a * state.y - self.b * state.u
+        d = state.d + self.smoothing * (error - state.d)
+        free, gains = self._predicted(y, d)
+        H, g = self._program(free - memory_k.ahead, gains, state.u)
+        plan, residual = self._solved(H, g, ca.vertcat(state.plan[1:], state.plan[-1]))
+        u = plan[0]
+        if self.rate is not None:
+            most = self.rate / self.input_unit * memory_k.sampling_time
+            u = state.u + ca.fmin(ca.fmax(u - state.u, -most), most)
+        return u * self.input_unit, Acting(u, y, d, plan, residual)
+
+    def tell(self, memory: Memory, trial: Trial) -> Any:
+        """Return how far each plan was from the optimum."""
+        return (trial.state.residual,)
+
+    def _predicted(self, y: Any, d: Any) -> tuple[Any, Any]:
+        """Return the outputs ahead without input, (horizon,), and what each block adds, (horizon, blocks)."""
+        free, added = [], []
+        row: list[Any] = [0] * self.blocks
+        for j in range(self.horizon):
+            y = self.a * y + d
+            row = [self.a * value for value in row]
+            block = j * self.blocks // self.horizon
+            row[block] = row[block] + self.b
+            free.append(y)
+            added.append(ca.horzcat(*row))
+        return ca.vertcat(*free), ca.vertcat(*added)
+
+    def _program(self, error: Any, gains: Any, u: Any) -> tuple[Any, Any]:
+        """Return Hessian and gradient at 0 of half the cost."""
+        M = self.blocks
+        change = ca.DM.eye(M) - ca.vertcat(ca.DM.zeros(1, M), ca.DM.eye(M)[: M - 1, :])
+        H = gains.T @ gains + self.weight * (change.T @ change)
+        first = ca.vertcat(1, ca.DM.zeros(M - 1))
+        return H, gains.T @ error - self.weight * u * first
+
+    def _solved(self, H: Any, g: Any, plan: Any) -> tuple[Any, Any]:
+        low, high = (None if limit is None else limit / self.input_unit for limit in (self.lower, self.upper))
+        at = [plan[i] for i in range(self.blocks)]
+        moved: Any = 0
+        for sweep in range(self.sweeps + 1):
+            moved = 0
+            for i in range(self.blocks):
+                slope = g[i] + sum(H[i, j] * at[j] for j in range(self.blocks))
+                value = at[i] - slope / H[i, i]
+                value = value if high is None else ca.fmin(value, high)
+                value = value if low is None else ca.fmax(value, low)
+                moved = ca.fmax(moved, ca.fabs(value - at[i]))
+                if sweep < self.sweeps:
+                    at[i] = value
+        return ca.vertcat(*at), moved
