@@ -15,6 +15,8 @@ import casadi as ca
 from models.quantity import InvalidValue
 
 MOST_INSTRUCTIONS = 3000
+MOST_DEFINITIONS = 80
+"""Named parts up to which equations are still read by anybody."""
 LINE = 84
 """About how many characters fit on a printed line."""
 
@@ -108,6 +110,11 @@ def equations(
     shown: dict[int, Term] = {}
     for node in raw:
         shown[id(node)] = writer.shown(node, [shown[id(arg)] for arg in node.args])
+    if len(writer.definitions) > MOST_DEFINITIONS:
+        raise InvalidValue(
+            f"equations of at most {MOST_DEFINITIONS} named parts are typeset, got {len(writer.definitions)}: a plant "
+            "that integrates a right-hand side is shown by that one where it gives slope and integrator"
+        )
     outputs = tuple(tuple(shown[id(root)] for root in column) for column in roots)
     return Equations(tuple(writer.definitions), outputs)
 

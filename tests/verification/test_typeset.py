@@ -377,3 +377,8 @@ def test_what_cannot_be_typeset_says_so() -> None:
         z = ca.sin(z) + b
     with pytest.raises(InvalidValue, match="at most 3000 operations"):
         latex(ca.Function("f", [a, b], [z], ["a", "b"], ["z"]))
+    z = a
+    for i in range(200):
+        z = (z + ca.sin(z + b + i)) * (c + ca.cos(z + b + i))
+    with pytest.raises(InvalidValue, match="at most 80 named parts"):
+        latex(ca.Function("f", [a, b, c], [z], ["a", "b", "c"], ["z"]))
