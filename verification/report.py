@@ -19,7 +19,7 @@ import jinja2
 from markupsafe import Markup
 
 from models.plant import Plant
-from models.quantity import is_declared, quantities
+from models.quantity import InvalidValue, is_declared, quantities
 from verification.examination import Figure, Report
 from verification.junit import junit
 from verification.notation import clean
@@ -269,7 +269,8 @@ def _equations(study: Any) -> Iterator[Equations]:
             yield Equations(path, source, typeset(plant))
         except Exception as error:
             # Equations beyond typesetting must not cost the verdicts.
-            yield Equations(path, source, None, f"{type(error).__name__}: {error}")
+            said = str(error) if isinstance(error, InvalidValue) else f"{type(error).__name__}: {error}"
+            yield Equations(path, source, None, said)
 
 
 def _plants_of(study: Any) -> list[tuple[str, Plant]]:
