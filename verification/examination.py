@@ -113,11 +113,25 @@ def verify(
         for claim in chosen.claims:
             verdicts.append(judge(claim))
             advance(1)
+    failed: list[str] = []
+    figures = _made("figures", chosen.figures, {}, failed)
+    tables = _made("tables", chosen.tables, [], failed)
+    scores = _made("scores", chosen.scores, {}, failed)
+    conclusion = _made("conclusion", lambda: list(chosen.conclude(verdicts)), [], failed)
     return Report(
         campaign=campaign,
         verdicts=verdicts,
-        conclusion=chosen.conclude(verdicts),
-        figures=chosen.figures(),
-        tables=chosen.tables(),
-        scores=chosen.scores(),
+        conclusion=[*conclusion, *failed],
+        figures=figures,
+        tables=tables,
+        scores=scores,
     )
+
+
+def _made(what: str, make: Callable[[], Any], nothing: Any, failed: list[str]) -> Any:
+    """Return what is made, or nothing with a sentence: verdicts are not lost to what goes round them."""
+    try:
+        return make()
+    except Exception as error:
+        failed.append(f"The {what} of this report could not be made: {type(error).__name__}: {error}")
+        return nothing

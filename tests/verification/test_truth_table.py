@@ -16,6 +16,7 @@ from verification import assumptions, convergence, increment, ppd, sweeps
 from verification.box import Box
 from verification.claims.learning import Dossier
 from verification.domain import domain
+from verification.examination import Examination, verify
 from verification.trajectory import Lineariser, partial, rollout
 from verification.verdict import Claim, Finding, Standing, judge
 from workbench import TrialLength, TrialStudy, run
@@ -401,3 +402,15 @@ def test_a_check_that_crashes_is_undecided():
     assert verdict.standing is UNDECIDED and "ZeroDivisionError" in verdict.method
     with pytest.raises(ValueError, match="refuted with a witness"):
         Finding(standing=REFUTED, method="")
+
+
+def test_what_goes_round_the_verdicts_may_fail_without_losing_them():
+    def crash(*_: Any) -> Any:
+        raise ZeroDivisionError("division by zero")
+
+    claims = [Claim(name="small.holds", statement="", source="", check=lambda: Finding(standing=PROVED, method=""))]
+    broken = Examination(claims=claims, conclude=crash, figures=crash, tables=crash, scores=crash)
+    report = verify(campaign(STATIC, trials=2), broken, show_progress=False)
+    assert [verdict.standing for verdict in report.verdicts] == [PROVED]
+    assert len(report.conclusion) == 4 and all("ZeroDivisionError" in line for line in report.conclusion)
+    assert not report.figures and not report.tables and not report.scores
