@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
+from verification.verdict import Finding, Standing
+from workbench.compiled import compiled
 from workbench.controller import Task, Trial
+from workbench.fold import stream
+from workbench.trial_study import TrialStudy
 
 
 def initial_factor(law: Any, outputs: int = 2) -> float | None:
@@ -25,3 +31,27 @@ def initial_factor(law: Any, outputs: int = 2) -> float | None:
     next_e = r[:, 0] - law.place(after, x0)
     factor = -ca.simplify(ca.jacobian(next_e, moved))[0, 0]  # e = r - x0 - moved, so de = -d(moved)
     return None if ca.symvar(factor) else float(ca.evalf(ca.SX(factor)))
+
+
+def converges_from(study: TrialStudy, controller: str, starts: Any, tolerances: Sequence[float]) -> Finding:
+    """Run all trials of a study from every start, shape (starts, states), and look at the last trial's errors.
+
+    ``tolerances`` are the largest errors allowed, one an output; the start that comes nearest to them is the witness.
+    """
+    fold, r, inputs = study.fold(controller), study.reference_samples, study.inputs()
+    machine = compiled(fold.trial)
+    worst, witness = -np.inf, {}
+    for start in starts:
+        *_, left = stream(fold, r, [one._replace(x0=start) for one in inputs], trial=machine)
+        last = np.abs(r - left.y).max(axis=1)
+        share = float((last / np.asarray(tolerances)).max()) if np.isfinite(last).all() else np.inf
+        if share >= worst:
+            worst, witness = share, {"start": start, "largest_errors_of_the_last_trial": last}
+    return Finding(
+        standing=Standing.SUPPORTED if worst < 1 else Standing.REFUTED,
+        method=f"{len(inputs)} trials from each of {len(starts)} starts drawn from the study's seed; the tightest is "
+        "the witness",
+        margin=1 - worst,
+        unit="share of the tolerance",
+        witness=witness,
+    )

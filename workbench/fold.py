@@ -278,7 +278,7 @@ def _folded(
     everything = ca.vertcat(*(ca.vec(result) for result in results))
     mapped = [(symbol, value) for symbol, value in mapped if symbol.numel() and ca.depends_on(everything, symbol)]
     mapped.sort(key=lambda pair: pair[1].shape[1] == 1)  # those that are the same at every sample come last
-    one = ca.Function("sample", [sample.x, *sample.state, *(symbol for symbol, _ in mapped)], results)
+    one = ca.Function("sample", [sample.x, *sample.state, *(symbol for symbol, _ in mapped)], results, {"cse": True})
     accumulated = 1 + len(sample.state)
     fixed = sum(value.shape[1] == 1 for _, value in mapped)
     fold = one.mapaccum(f"{SAMPLES}_{accumulated}_{fixed}", samples, accumulated, {"base": UNROLLED})

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import casadi as ca
+import numpy as np
 import pytest
 
+from models.metro_line import MetroLine
+from verification.claims.variable_gain import BANDS, BOX
 from verification.examination import examination_of, verify
+from verification.lipschitz import lipschitz
 from verification.verdict import judge
 from workbench import settings
 from workbench.campaign import run
@@ -15,6 +20,8 @@ DEFAULTS = {
     "speed_contraction": "PROVED",
     "relative_degree": "REFUTED",
     "relative_degree_speed": "PROVED",
+    "lipschitz_box": "REFUTED",
+    "lipschitz_box_between_portals": "PROVED",
     "position_only": "REFUTED",
     "initial_state_ratio": "PROVED",
     "global_initial_convergence": "SUPPORTED",
@@ -65,3 +72,18 @@ def test_every_claim_stands_as_known_at_the_defaults():
 def test_checks_can_say_the_opposite(name, assignments, controller, standing):
     verdict = standings(name, *assignments)[controller]
     assert str(verdict.standing) == standing, verdict
+
+
+def test_the_lipschitz_constant_is_above_every_slope_sampled_and_the_jump_is_there():
+    plant = MetroLine(tunnel_resistance=0.0)
+    found = lipschitz(plant, *BOX, BANDS)
+    assert found.witness is not None
+    rng, x = np.random.default_rng(2), ca.SX.sym("x", 2)
+    f = ca.Function("f", [x], [plant.rhs(x, 0)])
+    a, b = (rng.uniform(*np.array(BOX)[:, :], (4000, 2)).T for _ in range(2))
+    b = a + 1e-3 * (b - a)
+    ratios = np.abs(f(a).full() - f(b).full()).max(axis=0) / np.abs(a - b).max(axis=0)
+    assert ratios.max() <= found.witness["constant"] < 5
+    jump = lipschitz(MetroLine(), *BOX, BANDS)
+    assert str(jump.standing) == "REFUTED" and jump.witness is not None
+    assert jump.margin == pytest.approx(-9.81e-3 * 0.00013 * 400, rel=1e-3)
