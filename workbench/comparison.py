@@ -110,13 +110,13 @@ class Comparison:
             raise InvalidValue("no law suits this plant: " + "; ".join(f"{n}: {why}" for n, why in refused.items()))
         tuned: dict[str, Tuned] = {}
         with progress(len(suited) * self.budget, f"tune {self.name}") as advance:
-            for index, (name, one) in enumerate(suited.items()):
-                tuned[name] = self._tuned(one, index, advance)
+            for name, one in suited.items():
+                tuned[name] = self._tuned(one, advance)
         laws = {name: one.tuned(tuned[name].settings) for name, one in suited.items()}
         data = self.study(laws, true=True, seed=self.seed).simulate(progress)
         return self._told(data, refused, tuned)
 
-    def _tuned(self, one: Candidate, index: int, advance: Callable[[int], object]) -> Tuned:
+    def _tuned(self, one: Candidate, advance: Callable[[int], object]) -> Tuned:
         nominal = self.study({"law": one.law}, true=False, seed=_tuning_seed(self.seed))
         fold = nominal.fold("law")
         machine = compiled(fold.trial)
@@ -133,7 +133,7 @@ class Comparison:
             advance(1)
             return float(np.mean(mse[-JUDGED:]))
 
-        return tune(cost, one.ranges, one.first, self.budget, _tuning_seed(self.seed) + index)
+        return tune(cost, one.ranges, one.first, self.budget, _tuning_seed(self.seed))
 
     def _told(self, data: xr.Dataset, refused: Mapping[str, str], tuned: Mapping[str, Tuned]) -> xr.Dataset:
         """Return the record with what tuning found, and with refused laws by name and reason."""

@@ -12,6 +12,8 @@ from matplotlib import pyplot as plt
 
 from workbench.plots import COLOURS, DASHES, STYLE, ran
 
+MANY = (*COLOURS, "#882255", "#999933", "#332288", "#88CCEE", "#AA4499")
+
 
 def comparison_figures(study: Any, data: xr.Dataset) -> Mapping[str, Callable[[], Any]]:
     """Return the figures of a comparison by name."""
@@ -36,7 +38,7 @@ def comparison(sampling_time: float, data: xr.Dataset) -> Any:
             force.plot(time, one[applied].isel(trial=-1) / 1e3, **_style(index), linewidth=0.8)
         unit = data["mse"].attrs["units"]
         by_trial.set(xlabel="trial i", ylabel=f"MSE, true plant ({unit})")
-        by_evaluation.set(xlabel="evaluation while tuning", ylabel=f"best MSE so far, nominal plant ({unit})")
+        by_evaluation.set(xlabel="evaluation while tuning", ylabel=f"best so far, nominal plant ({unit})")
         error.set(xlabel="time (s)", ylabel=f"error of the last trial ({data['error'].attrs['units']})")
         force.set(xlabel="time (s)", ylabel=f"applied input of the last trial (k{data[applied].attrs['units']})")
         shown = np.concatenate([data["error"].sel(controller=name).isel(trial=-1).values for name in names])
@@ -47,8 +49,5 @@ def comparison(sampling_time: float, data: xr.Dataset) -> Any:
 
 
 def _style(index: int) -> dict[str, Any]:
-    """Return colour and dashes that differ for more laws than there are colours."""
-    return {
-        "color": COLOURS[index % len(COLOURS)],
-        "linestyle": DASHES[(index + index // len(COLOURS)) % len(DASHES)],
-    }
+    """Return colour and dashes that differ for more laws than there are common colours."""
+    return {"color": MANY[index % len(MANY)], "linestyle": DASHES[index % len(DASHES)]}

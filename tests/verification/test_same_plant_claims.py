@@ -66,7 +66,10 @@ def test_without_limits_the_plant_is_smooth():
     [
         ({"increment_monotone": REFUTED, "increment_weighted": PROVED, "A1": REFUTED}, "applies"),
         ({"increment_monotone": REFUTED, "increment_weighted": UNDECIDED}, "not proved here"),
-        ({"A1": REFUTED, "A4.printed": REFUTED, "asymptotic": SUPPORTED}, "does not apply: A1, A4.printed refuted"),
+        ({"A1": REFUTED, "A4.printed": REFUTED, "theorem1": SUPPORTED}, "does not apply: A1, A4.printed refuted"),
+        ({"known_model": REFUTED, "unsaturated": SUPPORTED}, "does not apply: known_model refuted"),
+        ({"contraction": SUPPORTED, "unsaturated": PROVED, "A1": PROVED}, "applies as far as checked: contraction"),
+        ({"qp_solved": SUPPORTED, "unsaturated": SUPPORTED}, "none claimed; quadratic programs solved: supported"),
         ({"A1": PROVED, "asymptotic": SUPPORTED}, "lifted condition supported"),
         ({"stable_loop": SUPPORTED, "unsaturated": REFUTED}, "linear loop stable: supported, and the command is cut"),
         ({"unsaturated": SUPPORTED}, "none claimed"),
@@ -74,6 +77,15 @@ def test_without_limits_the_plant_is_smooth():
 )
 def test_whose_proof(found, words):
     assert whose_proof(found).startswith(words) or words in whose_proof(found)
+
+
+def test_what_palc_and_variable_gain_need():
+    found, _ = standings(["palc", "variable-gain"])
+    assert found["known_model", "palc"] is REFUTED and found["contraction", "variable-gain"] is SUPPORTED
+    found, report = standings(["palc", "variable-gain"], *FREE, "budget=1", "laws.variable-gain.law.input_unit=800000")
+    assert found["known_model", "palc"] is PROVED and found["contraction", "variable-gain"] is REFUTED
+    words = {row[0]: row[2] for row in report.tables[1].rows}
+    assert words["palc"].startswith("applies as far as checked") and words["variable-gain"].startswith("does not")
 
 
 def test_a_loop_is_refuted_when_its_gain_is_too_large():
