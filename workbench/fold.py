@@ -343,12 +343,15 @@ def stream(
         _hand(buffer.set_arg, function.name_in(), {**now, **given, **told})
         _hand(buffer.set_res, function.name_out(), {**{f"{n}_next": a for n, a in then.items()}, **results})
         triggers.append((buffer, trigger))
+    handed: dict[str, Any] = {}
     for index, one in enumerate(trials):
         given["x0"][:] = results["x_end"] if carry_state and index else one.x0
         given["length"][0] = one.length
-        for name, values_of_trial in (("w", one.w), ("noise", one.noise)):
-            if given[name].size:
-                given[name][:] = np.ravel(values_of_trial, order="F")
+        for name, drawn in (("w", one.w), ("noise", one.noise)):
+            if given[name].size and drawn is not handed.get(name):
+                given[name][:] = np.ravel(drawn, order="F")
+                unchanging = isinstance(drawn, np.ndarray) and not drawn.flags.writeable
+                handed[name] = drawn if unchanging else None
         triggers[index % 2][1]()
         if index % together == 0:
             shelf = np.empty((together, left.size))
