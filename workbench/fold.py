@@ -337,6 +337,7 @@ def stream(
     results = {name: left[part] for name, part in parts.items()}
     together = 1 + TOGETHER // left.size
     shelf: Any = None
+    blocks: list[Any] = []
     triggers = []  # the memory goes to and fro between two sets of arrays
     for now, then in ((first, second), (second, first)):
         buffer, trigger = function.buffer()
@@ -353,14 +354,20 @@ def stream(
                 unchanging = isinstance(drawn, np.ndarray) and not drawn.flags.writeable
                 handed[name] = drawn if unchanging else None
         triggers[index % 2][1]()
-        if index % together == 0:
+        at = index % together
+        if at == 0:
             shelf = np.empty((together, left.size))
-        kept = shelf[index % together]
-        kept[:] = left
-        rows = {name: kept[parts[name]].reshape(shapes[name], order="F") for name in ROWS}
-        used = (second if index % 2 else first) if keep_memory else {}
-        kept_memory = tuple(used[name].reshape(fold.start.size_out(i), order="F").copy() for i, name in enumerate(used))
-        yield TrialRecord(**rows, mse=float(kept[parts["mse"]][0]), memory=kept_memory)
+            blocks = [
+                shelf[:, parts[name]].reshape(together, *shapes[name][::-1]).transpose(0, 2, 1)
+                for name in (*ROWS, "mse")
+            ]
+        shelf[at] = left
+        *rows, mse = [block[at] for block in blocks]
+        used: tuple[Any, ...] = ()
+        if keep_memory:
+            before = second if index % 2 else first
+            used = tuple(before[name].reshape(fold.start.size_out(name), order="F").copy() for name in fold.memory)
+        yield TrialRecord(**dict(zip(ROWS, rows, strict=True)), mse=float(mse[0, 0]), memory=used)
 
 
 def _begun(fold: Fold, told: dict[str, Any]) -> dict[str, Any]:
