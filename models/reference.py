@@ -10,6 +10,8 @@ import numpy as np
 from models.plant import Plant
 from models.quantity import InvalidValue, count, declared, given, quantity
 
+MOST_SAMPLES = 1_000_000
+
 
 class Reference(Protocol):
     """What a study's outputs should follow: samples 0..N of every output."""
@@ -39,6 +41,11 @@ class MetroProfile:
         if getattr(plant, "reading", "metro") != "seconds":
             return metro_speed(np.arange(self.horizon + 1))[None, :]
         last = round(self.horizon / float(plant.sampling_time))
+        if last > MOST_SAMPLES:
+            raise InvalidValue(
+                f"sampling_time must be at least {self.horizon / MOST_SAMPLES:g} s for a run of {self.horizon} s "
+                f"({MOST_SAMPLES} samples), got {float(plant.sampling_time):g}"
+            )
         return metro_speed(np.minimum(np.arange(last + 1) * float(plant.sampling_time), 2000.0))[None, :]
 
 

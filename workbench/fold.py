@@ -337,27 +337,37 @@ def stream(
     results = {name: left[part] for name, part in parts.items()}
     together = 1 + TOGETHER // left.size
     shelf: Any = None
+    blocks: list[Any] = []
     triggers = []  # the memory goes to and fro between two sets of arrays
     for now, then in ((first, second), (second, first)):
         buffer, trigger = function.buffer()
         _hand(buffer.set_arg, function.name_in(), {**now, **given, **told})
         _hand(buffer.set_res, function.name_out(), {**{f"{n}_next": a for n, a in then.items()}, **results})
         triggers.append((buffer, trigger))
+    handed: dict[str, Any] = {}
     for index, one in enumerate(trials):
         given["x0"][:] = results["x_end"] if carry_state and index else one.x0
         given["length"][0] = one.length
-        for name, values_of_trial in (("w", one.w), ("noise", one.noise)):
-            if given[name].size:
-                given[name][:] = np.ravel(values_of_trial, order="F")
+        for name, drawn in (("w", one.w), ("noise", one.noise)):
+            if given[name].size and drawn is not handed.get(name):
+                given[name][:] = np.ravel(drawn, order="F")
+                unchanging = isinstance(drawn, np.ndarray) and not drawn.flags.writeable
+                handed[name] = drawn if unchanging else None
         triggers[index % 2][1]()
-        if index % together == 0:
+        at = index % together
+        if at == 0:
             shelf = np.empty((together, left.size))
-        kept = shelf[index % together]
-        kept[:] = left
-        rows = {name: kept[parts[name]].reshape(shapes[name], order="F") for name in ROWS}
-        used = (second if index % 2 else first) if keep_memory else {}
-        kept_memory = tuple(used[name].reshape(fold.start.size_out(i), order="F").copy() for i, name in enumerate(used))
-        yield TrialRecord(**rows, mse=float(kept[parts["mse"]][0]), memory=kept_memory)
+            blocks = [
+                shelf[:, parts[name]].reshape(together, *shapes[name][::-1]).transpose(0, 2, 1)
+                for name in (*ROWS, "mse")
+            ]
+        shelf[at] = left
+        *rows, mse = [block[at] for block in blocks]
+        used: tuple[Any, ...] = ()
+        if keep_memory:
+            before = second if index % 2 else first
+            used = tuple(before[name].reshape(fold.start.size_out(name), order="F").copy() for name in fold.memory)
+        yield TrialRecord(**dict(zip(ROWS, rows, strict=True)), mse=float(mse[0, 0]), memory=used)
 
 
 def _begun(fold: Fold, told: dict[str, Any]) -> dict[str, Any]:

@@ -126,12 +126,13 @@ class TrialStudy:
         lengths = self.trial_length.draw(n, self.trials, streams[0])
         starts = self.initial.draw(self.plant, self.trials, streams[2])
         outputs = len(self.plant.outputs)
+        nothing: dict[Any, Any] = {}
         return [
             TrialInput(
                 int(length),
                 start,
-                self.disturbance.draw(self.plant, n, streams[3]),
-                self.noise.draw(outputs, n + 1, streams[1]),
+                _shared_zeros(self.disturbance.draw(self.plant, n, streams[3]), nothing),
+                _shared_zeros(self.noise.draw(outputs, n + 1, streams[1]), nothing),
             )
             for length, start in zip(lengths, starts, strict=True)
         ]
@@ -215,6 +216,15 @@ class TrialStudy:
         from workbench.plots import trial_figures
 
         return (self.drawings or trial_figures)(self, data)
+
+
+def _shared_zeros(drawn: Any, shared: dict[Any, Any]) -> Any:
+    """Return what was drawn, or where it is all zero one read-only array for all trials."""
+    if np.any(drawn):
+        return drawn
+    zeros = shared.setdefault(np.shape(drawn), np.zeros(np.shape(drawn)))
+    zeros.flags.writeable = False
+    return zeros
 
 
 class _Record:

@@ -191,6 +191,7 @@ def test_usage_errors_are_status_2(arguments, tmp_path):
         ("controllers.icfdl.phi0=0", "controllers.icfdl.phi0 must not be 0"),
         ("trial_length.law=table", "trial_length.probabilities must be given for law table"),
         ("name=x", "there is no setting 'name'"),
+        ('plant={"reading":"seconds","sampling_time":1e-9}', "sampling_time must be at least 0.002 s"),
     ],
 )
 def test_assignments(assignment, message):
