@@ -91,11 +91,25 @@ def _beyond(error: float, tried: int, witness: dict[str, Any]) -> Finding:
     )
 
 
-def share_within(study: Stopping, name: str, seeds: int) -> tuple[float, float]:
-    """Return with which share of random resistances inside W a law stops in the window, and its worst stop in cm."""
+class Share(NamedTuple):
+    """With which share of some resistances a law stops in the window, and its worst stop."""
+
+    share: float
+    worst_cm: float
+
+
+def share_within(study: Stopping, name: str, plants: Iterable[Brake]) -> Share:
+    """Run a law on several plants."""
     law = study.controllers[name]
-    errors = [stop(study, law, plant=random_plant(study, seed)).error_cm for seed in range(seeds)]
-    return float(np.mean([within_window(error) for error in errors])), float(np.nanmax(np.abs(errors)))
+    errors = [stop(study, law, plant=plant).error_cm for plant in plants]
+    return Share(float(np.mean([within_window(error) for error in errors])), float(np.nanmax(np.abs(errors))))
+
+
+def held_plants(study: Stopping, number: int) -> list[Brake]:
+    """Return plants whose resistance is the same everywhere, spread evenly over W."""
+    low, high = study.disturbance.low, study.disturbance.high
+    values = low + (high - low) * (np.arange(number) + 0.5) / number
+    return [dataclasses.replace(study.brake, blocks=(float(value),)) for value in values]
 
 
 def ideal_with(study: Stopping, model: str) -> Outcome:
