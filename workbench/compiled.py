@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import logging
 import os
@@ -10,6 +9,7 @@ import platform
 import shutil
 import subprocess
 import tempfile
+import threading
 from pathlib import Path
 
 import casadi as ca
@@ -24,6 +24,8 @@ FLAGS = ("-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-
 SHARED = ("-shared", "-fPIC")
 CACHE_VARIABLE = "WORKBENCH_CACHE"
 log = logging.getLogger("workbench")
+_saying = threading.Lock()  # trials are compiled by several threads at once
+_said: set[str] = set()
 
 
 def cache_folder() -> Path:
@@ -106,6 +108,8 @@ def agrees(function: ca.Function, other: ca.Function, *, seed: int = 0, toleranc
     )
 
 
-@functools.cache
 def _say_once(message: str) -> None:
-    log.warning(message)
+    with _saying:
+        if message not in _said:
+            _said.add(message)
+            log.warning(message)

@@ -61,7 +61,7 @@ def test_a_broken_library_is_not_left_by_a_failing_compiler(tmp_path, monkeypatc
     fake.chmod(0o755)
     monkeypatch.setenv("CC", str(fake))
     monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path / "cache"))
-    module._say_once.cache_clear()
+    module._said.clear()
     one = function()
     with caplog.at_level(logging.WARNING, logger="workbench"):
         assert compiled(one) is one
@@ -71,7 +71,7 @@ def test_a_broken_library_is_not_left_by_a_failing_compiler(tmp_path, monkeypatc
 
 def test_without_a_compiler_it_says_so_once(monkeypatch, caplog):
     monkeypatch.setenv("CC", "nonexistent-compiler")
-    module._say_once.cache_clear()
+    module._said.clear()
     one = function()
     with caplog.at_level(logging.WARNING, logger="workbench"):
         assert compiled(one) is one
