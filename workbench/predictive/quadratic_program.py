@@ -70,7 +70,8 @@ class WarmQP:
 
     DAQP keeps the last active set and starts from it. Its answer is believed only if the optimality conditions,
     computed here, hold; otherwise the problem is solved again from nothing. "Infeasible" is believed only if a linear
-    program confirms it. Answers therefore depend on the calls before by rounding alone.
+    program confirms it. Answers therefore depend on the calls before by rounding alone. Tolerances are absolute: choose
+    units in which the entries of H are not far from one.
 
     Parameters
     ----------
