@@ -6,6 +6,7 @@ trials), A3 (trial lengths), A4 (sign of the PPD), Lemma 1 (the data model). Eac
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import casadi as ca
@@ -17,13 +18,14 @@ from verification.bounds import bound, prove_positive
 from verification.box import Box
 from verification.domain import described
 from verification.lifted import Lifted
-from verification.ppd import Evidence, learned_signal
+from verification.ppd import Evidence, gain_unit, learned_signal, units_of
 from verification.reach import Reach
 from verification.row_sums import off_diagonal, slope_bounds
 from verification.smoothness import continuous_on
 from verification.trajectory import Lineariser, rollout
 from verification.verdict import Finding, Standing, undecided
 
+LOOSE = 1e3  # times the row sum along the run: a bound above that is called loose
 SIGNIFICANCE = 1e-3  # of the sampler's test, over all lengths together
 
 
@@ -70,7 +72,7 @@ def continuous_slope(plant: Plant, box: Box, degree: int = 1) -> Finding:
                 return Finding(
                     standing=Standing.REFUTED,
                     margin=-abs(broken["slope_right"] - broken["slope_left"]),
-                    unit="output/input",
+                    unit=gain_unit(*units_of(plant)),
                     witness={**broken, "operation": f"{reach.operation.name} in {reach.operation.expression}"},
                     method=f"a {reach.operation.kind} of {what} is reached; f or df/du differs on its two sides",
                 )
@@ -117,8 +119,9 @@ def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
             return Finding(
                 standing=Standing.PROVED,
                 margin=max(abs(found.lower), abs(found.upper)),
-                unit="output/input",
-                method=f"the output depends on no earlier input; p is the largest |df/du| for {described(plant, box)}",
+                unit=gain_unit(*units_of(plant)),
+                method="the output depends on no earlier input; p, the margin, is the largest |df/du| for "
+                f"{described(plant, box)}",
             )
     witness = vanishing_difference(plant, evidence)
     largest = _largest_ratio(evidence)
@@ -127,16 +130,18 @@ def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
         return Finding(
             standing=Standing.SUPPORTED,
             margin=max(growth, default=None),
-            unit="output/input",
+            unit=gain_unit(*units_of(plant)),
             witness=largest,
-            method="no pair of inputs with an unbounded ratio was found; p is the largest ratio of the campaign",
+            method="no pair of inputs with an unbounded ratio was found; p, the margin, is the largest of the run",
         )
     return Finding(
         standing=Standing.REFUTED,
         margin=-witness["ratios"][-1],
-        unit="output/input",
+        unit=gain_unit(*units_of(plant)),
         witness={**witness, "largest_of_campaign": largest, "largest_by_trial": growth},
-        method="an earlier input difference is kept while du(k) goes to 0: the ratio grows as 1/du(k), so no p exists",
+        method=f"two plans are built that differ by {witness['kept']:.3g} {plant.inputs[0].unit} at sample "
+        f"{witness['earlier_sample']} and by du at sample {witness['sample']}: as du goes to 0 the ratio grows as "
+        "1/du, so no p exists; the margin is minus the largest ratio that was built",
     )
 
 
@@ -217,18 +222,23 @@ def lipschitz_lifted(plant: Plant, evidence: Evidence, box: Box) -> Finding:
             return Finding(
                 standing=Standing.PROVED,
                 margin=float(np.nextafter(total, np.inf)),
-                unit="output/input",
+                unit=gain_unit(*units_of(plant)),
                 witness=witness,
-                method=f"row sums of |G| by intervals for {described(plant, box)}; "
-                f"along the last trial's plan p = {p:.4g}",
+                method=f"row sums of |G| by intervals for {described(plant, box)}; the margin is p over the box, "
+                f"{total / p:.3g} times that along the last trial's plan, {p:.4g}" + _loose(total, p),
             )
     return Finding(
         standing=Standing.SUPPORTED if np.isfinite(p) else Standing.UNDECIDED,
         margin=p if np.isfinite(p) else None,
-        unit="output/input",
+        unit=gain_unit(*units_of(plant)),
         witness=witness,
-        method="row sums of |G| along the trajectory of the last trial's plan, run to the horizon",
+        method="row sums of |G| along the trajectory of the last trial's plan, run to the horizon; the margin is p",
     )
+
+
+def _loose(total: float, along: float) -> str:
+    """Return a warning where a bound over the box is true but says little."""
+    return ": true, but too loose to be of use over so many samples" if total > LOOSE * along else ""
 
 
 def lifted_along(plant: Plant, evidence: Evidence, trial: int = -1) -> Lifted:
@@ -274,7 +284,8 @@ def trial_lengths(study: Any, lengths: Any) -> Finding:
         margin=adjusted - SIGNIFICANCE,
         unit="probability",
         witness=witness,
-        method=f"algebra for the table and p(k); exact binomial tests of {len(values)} lengths, level {SIGNIFICANCE}",
+        method=f"algebra for the table and p(k); exact binomial tests of {len(values)} lengths; the margin is "
+        f"the least p-value, corrected for their number, above the level {SIGNIFICANCE}",
     )
 
 
@@ -294,16 +305,17 @@ def sign_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
             margin=-share,
             unit="share of trials and samples",
             witness=evidence.witness(trial, sample),
-            method=f"ratios of consecutive trials: {100 * share:.3g} % of {int(usable.sum())} are not positive",
+            method=f"ratios of consecutive trials: {100 * share:.3g} % of {int(usable.sum())} are not positive; the "
+            "margin is minus that share, the witness the one with the largest input difference",
         )
     lowest = np.where(usable, evidence.ratio, np.inf)
     trial, sample = (int(i) for i in np.unravel_index(int(lowest.argmin()), lowest.shape))
     return Finding(
         standing=Standing.SUPPORTED,
         margin=float(lowest[trial, sample]),
-        unit="output/input",
+        unit=gain_unit(*units_of(plant)),
         witness=evidence.witness(trial, sample),
-        method=f"all {int(usable.sum())} realised ratios of consecutive trials are positive",
+        method=f"all {int(usable.sum())} realised ratios of consecutive trials are positive; the margin is the least",
     )
 
 
@@ -314,13 +326,18 @@ def sign_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     found = prove_positive(slope, inner)
     place = f"dy(k+{evidence.degree})/du(k) by intervals for {described(plant, box)}"
     if found.standing == "proved":
-        return Finding(standing=Standing.PROVED, margin=found.lower, unit="output/input", method=place)
+        return Finding(
+            standing=Standing.PROVED,
+            margin=found.lower,
+            unit=gain_unit(*units_of(plant)),
+            method=f"{place}; the margin is its lower bound",
+        )
     if found.standing == "refuted" and found.witness is not None:
         point = {name: value[0].ravel().tolist() for name, value in found.witness.point.items() if value[0].size}
         return Finding(
             standing=Standing.REFUTED,
             margin=found.witness.upper,
-            unit="output/input",
+            unit=gain_unit(*units_of(plant)),
             witness={"point": point, "slope": found.witness.upper},
             method=place,
         )
@@ -337,8 +354,9 @@ def data_model(plant: Plant, evidence: Evidence, box: Box) -> Finding:
         return Finding(
             standing=Standing.REFUTED,
             margin=-float(left[trial, sample]),
-            unit="output units",
+            unit=plant.outputs[0].unit,
             witness=evidence.witness(trial, sample),
             method=f"du(k) = 0 but ds(k+{evidence.degree}) is not, at {int(alone.sum())} places: no phi_c exists there",
         )
-    return lipschitz_printed(plant, evidence, box)
+    found = lipschitz_printed(plant, evidence, box)
+    return dataclasses.replace(found, method=f"phi_c is the ratio that A2 bounds: {found.method}")

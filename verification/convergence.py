@@ -68,6 +68,12 @@ def lambda_min(law: Any, gain_bound: float, *, one_sided: bool = True) -> float:
     return float((law.rho * gain_bound * law.force_unit) ** 2 / (4 if one_sided else 16))
 
 
+def lambda_unit(evidence: Evidence) -> str:
+    """Return the unit of lambda, which is absolute: squared output per force unit of the law."""
+    output, given = evidence.units
+    return f"({output} per {evidence.law.force_unit:g} {given})^2"
+
+
 def lambda_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     """The lambda used exceeds (rho b)^2/4 with b = sup ds(k+1)/du(k) over the box."""
     if evidence.degree != 1:
@@ -102,9 +108,9 @@ def _compared(evidence: Evidence, b: float, how: str, holds: Standing, place: di
     return Finding(
         standing=holds if law.lam > least else Standing.REFUTED,
         margin=law.lam - least,
-        unit="(output/force unit)^2",
+        unit=lambda_unit(evidence),
         witness={**(place or {}), **witness},
-        method=f"lambda against (rho b)^2/4, {how}",
+        method=f"lambda = {law.lam:.4g} against (rho b)^2/4 = {least:.4g}, {how}; the margin is their difference",
     )
 
 
@@ -132,11 +138,11 @@ def estimator_bounded(evidence: Evidence) -> Finding:
     return Finding(
         standing=Standing.SUPPORTED,
         margin=float(magnitudes[trial, sample]),
-        unit="output/input",
+        unit=evidence.unit,
         witness=witness,
-        method=f"largest of all recorded estimates; the reset (13) fires at {100 * idle:.3g} % of places for "
-        f"small du, at {100 * small:.3g} % for a small or turned phi; the median excitation share is {median:.2g}, "
-        f"and would be one half with mu = {du**2:.2g}",
+        method=f"the margin is the largest of all recorded estimates; the reset (13) fires at {100 * idle:.3g} % of "
+        f"places for small du, at {100 * small:.3g} % for a small or turned phi; the median excitation share is "
+        f"{median:.2g}" + (f", and would be one half with mu = {du**2:.2g}" if median < 0.5 else ""),
     )
 
 
@@ -150,6 +156,7 @@ def theorem_printed(evidence: Evidence, mse: Any) -> Finding:
     if not usable.any():
         return undecided("no two trials reached the same sample with different inputs")
     inside = float((np.abs(factor[usable]) < 1).mean())
+    negative, large = float((factor[usable] >= 1).mean()), float((factor[usable] <= -1).mean())
     magnitudes = np.where(usable, np.abs(factor), -1.0)
     trial, sample = (int(i) for i in np.unravel_index(int(magnitudes.argmax()), magnitudes.shape))
     first = f"from {mse[0]:.4g} to {mse[-1]:.4g}"
@@ -160,7 +167,14 @@ def theorem_printed(evidence: Evidence, mse: Any) -> Finding:
         unit="1",
         witness={**evidence.witness(trial, sample), "factor": float(factor[trial, sample])},
         method=f"{100 * inside:.4g} % of {int(usable.sum())} factors lie in (-1, 1)"
-        + (f"; the theorem does not apply, while the MSE went {first}" if refuted else f"; the MSE went {first}"),
+        + (
+            f"; the premise phi_c > 0 (A4) fails at {100 * negative:.3g} % (factor at or above 1), and lambda is too "
+            f"small for the phi_c of a further {100 * large:.3g} % (factor at or below -1), so the theorem says "
+            f"nothing here, while the MSE went {first}"
+            if refuted
+            else f"; the MSE went {first}"
+        )
+        + "; the margin is 1 minus the largest |factor|",
     )
 
 
@@ -257,7 +271,8 @@ def monotone(found: Monotone | str) -> Finding:
         margin=1 - value.value,
         unit="1",
         witness=witness,
-        method=f"Lanczos on O(N) products, residual {value.residual:.2g}, G along the last trial's plan",
+        method=f"Lanczos on O(N) products, residual {value.residual:.2g}, G along the last trial's plan; the margin is "
+        "1 minus the largest singular value",
     )
 
 
@@ -284,7 +299,8 @@ def asymptotic(found: Monotone | str, reach: Any) -> Finding:
             "reach_probability": float(reach[slowest]),
         },
         method="diagonal of the lower triangular I - G L along the last trial's plan, and with the probability that a "
-        "trial reaches the sample",
+        f"trial reaches the sample; the margin is 1 minus the largest |entry|: the slowest sample keeps "
+        f"{100 * (1 - margin):.6g} % of its error from trial to trial",
     )
 
 
@@ -305,7 +321,8 @@ def peak(observed: Any, predicted: Any) -> Finding:
         margin=3 - ratio if np.isfinite(ratio) else None,
         unit="factor",
         witness=witness,
-        method="I - G L frozen at the last trial, run from the first trial's error with the recorded trial lengths",
+        method="I - G L frozen at the last trial, run from the first trial's error with the recorded trial lengths; "
+        f"the peaks differ by a factor of {ratio:.3g}, the margin is 3 minus that",
     )
 
 

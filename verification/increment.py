@@ -29,6 +29,7 @@ from verification.ppd import Evidence
 from verification.row_sums import SlopeBounds, off_diagonal, slope_bounds
 from verification.verdict import Finding, Standing, undecided
 
+LOOSE = 1e6  # a bound on the transient above that says nothing
 SHARE = 0.5  # of b_low that the weighted row sum may take
 
 
@@ -78,7 +79,7 @@ def monotone(plant: Plant, evidence: Evidence, box: Box) -> Finding:
             witness={"b_low": slopes.gain_low, "b_high": slopes.gain_high, "row_sum": r, "factor_at_phi0": factor},
             method=f"row sums by intervals: r = {r / slopes.gain_low:.3g} b < b and l_max (b + r) = "
             f"{gain * (slopes.gain_high + r):.3g} < 2 for {described(plant, box)}, and for every phi > 0; "
-            f"the input error contracts by {factor:.4g} a trial at phi(k,1)",
+            f"the input error contracts by {factor:.4g} a trial at phi(k,1); the margin is (b - r)/b",
         )
     off, own = lifted_along(plant, evidence).row_sums()
     k = int((off - own).argmax())
@@ -94,7 +95,8 @@ def monotone(plant: Plant, evidence: Evidence, box: Box) -> Finding:
                 "b": float(own[k]),
             },
             method=f"along the last trial's plan the row sum off the diagonal is {off[k] / own[k]:.3g} b: an input "
-            "error with the signs of that row grows in the sup norm, so the sup norm proves nothing here",
+            "error with the signs of that row grows in the sup norm, so the sup norm proves nothing here; the margin "
+            "is b minus that row sum, over b",
         )
     return undecided(
         f"over the box the row sum is bounded by {r / slopes.gain_low:.3g} b only (along the last trial's plan it is "
@@ -140,7 +142,9 @@ def weighted(plant: Plant, evidence: Evidence, box: Box) -> Finding:
         },
         method=f"max_k |d(k)| a^k with a = {a:.5f} contracts by {factor:.4g} a trial at phi(k,1), and never grows for "
         f"any phi > 0 (r(a) = {r / slopes.gain_low:.3g} b, by intervals for {described(plant, box)}); max |d(k)| may "
-        f"rise by {a**-n:.3g} at most on the way; a up to {edge:.5f} would do",
+        f"rise by {a**-n:.3g} at most on the way"
+        + (", a bound that is true but of no use" if a**-n > LOOSE else "")
+        + f"; the margin is a, and a up to {edge:.5f} would do",
     )
 
 

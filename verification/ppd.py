@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from models.plant import Plant
 from models.quantity import InvalidValue
 from verification.trajectory import Lineariser, Trajectories, partial, recorded
 from workbench.campaign import Campaign
@@ -44,6 +45,13 @@ class Evidence:
     """``ds`` minus ``partial_midway * du`` minus ``carried``: what no linearisation explains."""
     partial_midway: Any
     """The partial derivative along the mean of this trajectory and the one before."""
+    units: tuple[str, str]
+    """Units of the output and of the input."""
+
+    @property
+    def unit(self) -> str:
+        """The unit of derivatives, ratios and estimates."""
+        return gain_unit(*self.units)
 
     def witness(self, trial: int, sample: int) -> dict[str, Any]:
         """Return the numbers of one place (array indices), enough to replay it from ``run.nc``."""
@@ -62,6 +70,18 @@ class Evidence:
         """Return |estimate - partial| / |partial|, NaN where a trial did not reach the sample."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.abs(self.estimate - self.partial) / np.abs(self.partial)
+
+
+def gain_unit(output: str, given: str) -> str:
+    """Return the unit of an output per input, ``(km/h)/N``; ``1`` where both are pure numbers."""
+    if output == given == "1":
+        return "1"
+    return "/".join(f"({unit})" if "/" in unit or " " in unit else unit for unit in (output, given))
+
+
+def units_of(plant: Plant) -> tuple[str, str]:
+    """Return the units of a plant's first output and first input."""
+    return plant.outputs[0].unit, plant.inputs[0].unit
 
 
 def learned_signal(y: Any, increment: bool) -> Any:
@@ -117,6 +137,7 @@ def evidence(campaign: Campaign, controller: str) -> Evidence:
         carried=carried,
         remainder=ds - midway * du - carried,
         partial_midway=midway,
+        units=units_of(study.plant),
     )
 
 

@@ -20,6 +20,7 @@ def three_along(evidence: Any, trials: Sequence[int]) -> Any:
     with plt.rc_context({**STYLE, "figure.figsize": (7.0, 1.0 + 2.2 * len(chosen))}):
         figure, axes = plt.subplots(len(chosen), 1, sharex=True, squeeze=False)
         scale = float(np.nanmax(np.abs(evidence.partial)))
+        least = 30 * scale  # of the axis on either side, so that it shows more than one tick
         for ax, trial in zip(axes[:, 0], chosen, strict=True):
             row = trial - 1
             ax.plot(
@@ -33,7 +34,9 @@ def three_along(evidence: Any, trials: Sequence[int]) -> Any:
             ax.plot(evidence.estimate[row], **styled(2), label="estimate")
             ax.plot(evidence.partial[row], color="black", linewidth=2, label="partial derivative")
             ax.set_yscale("symlog", linthresh=10 * scale)
-            ax.set(ylabel="output/input", title=f"{evidence.controller}, trial {trial}")
+            low, high = ax.get_ylim()
+            ax.set_ylim(min(low, -least), max(high, least))
+            ax.set(ylabel=evidence.unit, title=f"{evidence.controller}, trial {trial}")
         axes[-1, 0].set_xlabel("sample k")
         axes[0, 0].legend(loc="upper right", fontsize=9)
         return figure
@@ -135,8 +138,13 @@ def error_by_sample(controller: str, error: Any) -> Any:
         return figure
 
 
-def lambda_sweep(controller: str, found: Any, lines: dict[str, float], used: float) -> Any:
-    """Draw last and largest MSE against lambda, with predicted boundaries and the lambda used as lines."""
+def lambda_sweep(
+    controller: str, found: Any, lines: dict[str, float], used: float, *, units: tuple[str, str] = ("1", "1")
+) -> Any:
+    """Draw last and largest MSE against lambda, with predicted boundaries and the lambda used as lines.
+
+    ``units`` are those of lambda and of the MSE.
+    """
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()
         axes.loglog(found.values, found.mse_last, marker=MARKERS[0], **styled(0), label="last MSE")
@@ -148,51 +156,62 @@ def lambda_sweep(controller: str, found: Any, lines: dict[str, float], used: flo
         axes.axvline(used, color="black", linewidth=1.2, label=f"used: {used:.3g}")
         for index, (label, value) in enumerate(lines.items(), start=2):
             axes.axvline(value, **styled(index), label=f"{label}: {value:.3g}")
-        axes.set(xlabel="lambda ((output/force unit)^2)", ylabel="MSE (output units^2)", title=controller)
+        axes.set(xlabel=f"lambda ({units[0]})", ylabel=f"MSE ({units[1]})", title=controller)
         axes.legend(fontsize=8.5)
         return figure
 
 
-def sweep_map(controller: str, found: Any, lines: dict[str, Any], used: tuple[float, float]) -> Any:
-    """Draw the last MSE over lambda and force unit, predicted boundaries as lines over the units, and what is used."""
+def sweep_map(
+    controller: str,
+    found: Any,
+    lines: dict[str, Any],
+    used: tuple[float, float],
+    *,
+    units: tuple[str, str, str] = ("1", "1", "1"),
+) -> Any:
+    """Draw the last MSE over lambda and force unit, predicted boundaries as lines over the units, and what is used.
+
+    ``units`` are those of the output, of the input and of the MSE.
+    """
     with plt.rc_context({**STYLE, "axes.grid": False}):
         figure, axes = plt.subplots()
         norm = colors.LogNorm()
         shown = axes.pcolormesh(
             found.force_unit, found.lam, found.mse_last, norm=norm, cmap="cividis", shading="nearest"
         )
-        figure.colorbar(shown, ax=axes, label="last MSE (output units^2)")
+        figure.colorbar(shown, ax=axes, label=f"last MSE ({units[2]})")
         units, lams = np.meshgrid(found.force_unit, found.lam)
         gone = ~(np.nan_to_num(found.mse_last, nan=np.inf) < found.mse_first)
         axes.scatter(units[gone], lams[gone], marker="x", color="black", s=22, label="diverges, or ends above trial 1")
         for index, (label, values) in enumerate(lines.items()):
             axes.plot(found.force_unit, values, color="#D00000", linestyle=("-", "--")[index % 2], label=label)
         axes.scatter(*used, marker="*", s=160, color="white", edgecolor="black", label="used", zorder=3)
-        axes.set(xscale="log", yscale="log", xlabel="force unit (N)", ylabel="lambda ((output/force unit)^2)")
+        axes.set(xscale="log", yscale="log", xlabel=f"force unit ({units[1]})")
+        axes.set_ylabel(f"lambda (({units[0]} per force unit)^2)")
         axes.set(title=controller, ylim=(found.lam[0] / 2, found.lam[-1] * 2))
         figure.legend(fontsize=8.5, loc="outside lower center", ncols=2)
         return figure
 
 
-def predicted_against_observed(controller: str, predicted: Any, observed: Any) -> Any:
+def predicted_against_observed(controller: str, predicted: Any, observed: Any, *, unit: str = "1") -> Any:
     """Draw the MSE by trial that the frozen lifted map predicts beside the observed one."""
     trials = np.arange(1, observed.size + 1)
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()
         axes.semilogy(trials, observed, **styled(0), label="observed")
         axes.semilogy(trials[: predicted.size], predicted, **styled(1), label="predicted by I - G L, frozen")
-        axes.set(xlabel="trial i", ylabel="MSE (output units^2)", title=controller)
+        axes.set(xlabel="trial i", ylabel=f"MSE ({unit})", title=controller)
         axes.legend()
         return figure
 
 
-def row_sums(controller: str, off: Any, own: Any) -> Any:
+def row_sums(controller: str, off: Any, own: Any, *, unit: str = "1") -> Any:
     """Draw the lifted plant's row sums off the diagonal beside its diagonal, by sample."""
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()
         axes.semilogy(np.where(off > 0, off, np.nan), **styled(1), label="row sum off the diagonal")
         axes.semilogy(own, **styled(0), label="diagonal (partial derivative)")
         lowest = float(own[own > 0].min()) if (own > 0).any() else 1.0
-        axes.set(xlabel="sample k", ylabel="output/input", title=controller, ylim=(1e-3 * lowest, None))
+        axes.set(xlabel="sample k", ylabel=unit, title=controller, ylim=(1e-3 * lowest, None))
         axes.legend()
         return figure

@@ -14,7 +14,8 @@ import pytest
 import xarray as xr
 
 from verification import convergence, ppd
-from verification.claims.learning import Dossier, claims_of, conclusion, dossiers, examine, scores
+from verification.claims.learning import Dossier, claims_of, dossiers, examine, scores
+from verification.conclusion import boxes, paragraphs
 from verification.verdict import Standing, Verdict, judge
 from workbench import settings
 from workbench.campaign import load, run, write_run
@@ -297,10 +298,13 @@ def test_samples_reached_rarely_converge_last(ran: Ran) -> None:
 @pytest.mark.parametrize("law", ["icfdl", "increment"])
 def test_conclusion_says_what_stands(ran: Ran, law: str) -> None:
     claims = [claim for claim in claims_of(ran.files[law]) if claim.name.split(".", 1)[1] in CLAIMS]
-    said = " ".join(conclusion([ran.files[law]], [ran.verdict(c.name.split(".", 1)[1], law) for c in claims]))
+    said = " ".join(paragraphs([ran.files[law]], [ran.verdict(c.name.split(".", 1)[1], law) for c in claims]))
     assert law in said and "A2.printed" in said and "A4.printed" in said
     if law == "increment":
-        assert ("provably falls" in said) == (ran.line == "flat")
+        assert ("provably never grows" in said) == (ran.line == "flat")
+        assert ("a weighted input error provably" in said) == (ran.line == "hilly")
+    (table,) = boxes([ran.files[law]])
+    assert [len(row) for row in table.rows] == [len(table.header)] == [5]
 
 
 @pytest.fixture(scope="module")

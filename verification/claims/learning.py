@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from verification import assumptions, convergence, increment, sweeps
+from verification import assumptions, conclusion, convergence, increment, sweeps
 from verification.box import Box
-from verification.domain import described, domain
+from verification.domain import domain
 from verification.examination import Examination, Figure
 from verification.ppd import Evidence, evidence, quantiles
 from verification.trajectory import rollout, trials_done
-from verification.verdict import Claim, Standing, Verdict
+from verification.verdict import Claim
 from workbench import plots_ppd
 from workbench.campaign import Campaign
 from workbench.controller import Estimating, Learning, learns_increment
@@ -57,6 +57,11 @@ class Dossier:
         values = self.campaign.data["mse"].sel(controller=self.controller).values
         return values[: trials_done(self.campaign, self.controller)]
 
+    @property
+    def mse_unit(self) -> str:
+        """The unit of the mean square error."""
+        return str(self.campaign.data["mse"].attrs["units"])
+
     @cached_property
     def lambda_sweep(self) -> sweeps.Sweep:
         """The law run with other values of lambda."""
@@ -95,8 +100,9 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
     claims = [claim for dossier in files for claim in claims_of(dossier)]
     return Examination(
         claims=claims,
-        conclude=partial(conclusion, files),
+        conclude=partial(conclusion.paragraphs, files),
         figures=partial(figures, files, full),
+        tables=partial(conclusion.boxes, files),
         scores=partial(scores, campaign, files),
     )
 
@@ -280,21 +286,25 @@ def figures(files: Sequence[Dossier], full: bool) -> Mapping[str, Figure]:
         name = d.controller
         e = d.evidence
         found[f"ppd_sign_{name}"] = Figure(
-            caption=f"{name}: realised ratio over partial derivative. Where it is not positive, A4 as printed fails.",
+            caption=f"{name}: realised ratio of output to input differences over the partial derivative, by trial and "
+            "sample. Brown is not positive: there A4 as printed fails. White beyond a trial's end: not reached.",
             draw=partial(plots_ppd.sign_map, e),
         )
         found[f"ppd_histogram_{name}"] = Figure(
-            caption=f"{name}: how far the realised ratio is from the partial derivative.",
+            caption=f"{name}: how often the realised ratio takes which multiple of the partial derivative. If A2 and "
+            "A4 held, one narrow peak would stand at 1; multiples beyond the axis are counted at its ends.",
             draw=partial(plots_ppd.ratio_histogram, e),
         )
         found[f"row_sums_{name}"] = Figure(
-            caption=f"{name}: what earlier inputs do to a sample (row sum off the diagonal) beside what its own does.",
-            draw=partial(plots_ppd.row_sums, name, *assumptions.lifted_along(d.plant, e).row_sums()),
+            caption=f"{name}: what all earlier inputs together can do to the learned signal at a sample (row sum off "
+            "the diagonal) beside what its own input does. The sup norm contracts only where the diagonal is larger.",
+            draw=partial(plots_ppd.row_sums, name, *assumptions.lifted_along(d.plant, e).row_sums(), unit=e.unit),
         )
         if d.predicted_mse.size:
             found[f"predicted_{name}"] = Figure(
-                caption=f"{name}: MSE by trial, observed and as the lifted map of the last trial predicts it.",
-                draw=partial(plots_ppd.predicted_against_observed, name, d.predicted_mse, d.mse),
+                caption=f"{name}: MSE by trial, observed and as the map I - G L predicts it, frozen at the last trial "
+                "and run from the first trial's error with the recorded trial lengths.",
+                draw=partial(plots_ppd.predicted_against_observed, name, d.predicted_mse, d.mse, unit=d.mse_unit),
             )
         if convergence.is_cfdl(d.law):
             found |= _adaptive_figures(d, full)
@@ -319,34 +329,47 @@ def _adaptive_figures(d: Dossier, full: bool) -> dict[str, Figure]:
         lines["observed boundary"] = observed
     result = {
         f"ppd_along_{name}": Figure(
-            caption=f"{name}: partial derivative, realised ratio and estimate along the samples of some trials.",
+            caption=f"{name}: partial derivative, realised ratio and estimate along the samples of some trials. The "
+            "proof identifies all three; the law only ever sees the ratio.",
             draw=partial(plots_ppd.three_along, e, [t for t in SHOWN if t <= e.ratio.shape[0]] or [e.ratio.shape[0]]),
         ),
         f"ppd_error_{name}": Figure(
-            caption=f"{name}: relative error of the estimate against the partial derivative.",
+            caption=f"{name}: relative error of the estimate against the partial derivative, by trial and sample (1 is "
+            "100 %).",
             draw=partial(plots_ppd.error_map, e),
         ),
         f"ppd_error_by_trial_{name}": Figure(
-            caption=f"{name}: the estimate's error by trial, how far data could move it, how often it is reset.",
+            caption=f"{name}: the estimate's relative error by trial (above); the share by which the data of the trial "
+            "could move it, and the share of samples that the reset (13) put back to phi(k,1) (below).",
             draw=partial(
                 plots_ppd.error_by_trial, name, quantiles(error, 1), quantiles(share, 1), np.nanmean(fired, axis=1)
             ),
         ),
         f"ppd_error_by_sample_{name}": Figure(
-            caption=f"{name}: the estimate's error by sample.",
+            caption=f"{name}: the estimate's relative error against the partial derivative by sample, over all trials.",
             draw=partial(plots_ppd.error_by_sample, name, quantiles(error, 0)),
         ),
         f"excitation_{name}": Figure(
-            caption=f"{name}: the share by which the data of a trial can move the estimate.",
+            caption=f"{name}: the share eta du^2/(mu + du^2) by which the data of a trial can move the estimate: where "
+            "it is dark the estimate learns nothing.",
             draw=partial(plots_ppd.excitation_map, name, share),
         ),
         f"contraction_{name}": Figure(
-            caption=f"{name}: the contraction factor of Theorem 1.",
+            caption=f"{name}: the factor 1 - rho phi_c phi/(lambda + phi^2) by which Theorem 1 has the error shrink, "
+            "by trial and sample: its argument needs every one inside (-1, 1).",
             draw=partial(plots_ppd.contraction_map, name, d.adaptation.factor),
         ),
         f"lambda_{name}": Figure(
-            caption=f"{name}: MSE against lambda, with the boundaries that theory predicts and the one observed.",
-            draw=partial(plots_ppd.lambda_sweep, name, d.lambda_sweep, lines, d.law.lam),
+            caption=f"{name}: last and largest MSE at other values of lambda; the boundaries that theory "
+            "predicts from the partial derivative and the realised ratios, the observed one, and the lambda used.",
+            draw=partial(
+                plots_ppd.lambda_sweep,
+                name,
+                d.lambda_sweep,
+                lines,
+                d.law.lam,
+                units=(convergence.lambda_unit(e), d.mse_unit),
+            ),
         ),
     }
     found = d.grid(full)
@@ -358,43 +381,8 @@ def _adaptive_figures(d: Dossier, full: bool) -> dict[str, Figure]:
     result[f"sweep_{name}"] = Figure(
         caption=f"{name}: last MSE over lambda and the force unit, with the boundaries that theory predicts from the "
         "partial derivative; crosses mark where the law does not converge.",
-        draw=partial(plots_ppd.sweep_map, name, found, bounds, (d.law.force_unit, d.law.lam)),
+        draw=partial(
+            plots_ppd.sweep_map, name, found, bounds, (d.law.force_unit, d.law.lam), units=(*e.units, d.mse_unit)
+        ),
     )
     return result
-
-
-def conclusion(files: Sequence[Dossier], verdicts: Sequence[Verdict]) -> Sequence[str]:
-    """Return what the verdicts mean, in plain words, a paragraph a controller."""
-    paragraphs = []
-    for d in files:
-        own = {v.claim.split(".", 1)[1]: v.standing for v in verdicts if v.controller == d.controller}
-        text = [f"{d.controller}: the MSE went from {d.mse[0]:.4g} to {d.mse[-1]:.4g} in {d.mse.size} trials."]
-        broken = [name for name in ("A2.printed", "A4.printed", "lemma1") if own.get(name) == Standing.REFUTED]
-        if broken:
-            text.append(
-                f"{', '.join(broken)} fail on this plant: the ratio of output to input differences carries what "
-                "earlier inputs of the same trial did, so it is not the partial derivative, and a proof that rests "
-                "on it does not apply, whatever the run looks like."
-            )
-        if own.get("A4.partial") == Standing.PROVED and own.get("A2.lifted") == Standing.PROVED:
-            text.append(
-                "What does hold over the box: the partial derivative is positive, and outputs are bounded by the "
-                "largest input difference so far (the repaired A2)."
-            )
-        if own.get("increment_monotone") == Standing.PROVED:
-            text.append("The largest input error provably falls from every trial to the next, for every phi > 0.")
-        elif own.get("increment_weighted") == Standing.PROVED:
-            text.append(
-                "The sup norm does not contract here, but a weighted one provably does: the law converges, with a "
-                "transient that the weights bound."
-            )
-        elif own.get("asymptotic") == Standing.SUPPORTED:
-            slow = " monotonically" if own.get("monotone") == Standing.SUPPORTED else ", but not monotonically"
-            text.append(
-                f"The lifted conditions say that the linearised error vanishes in the end{slow}; that is no proof."
-            )
-        paragraphs.append(" ".join(text))
-    if files:
-        place = described(files[0].plant, files[0].box)
-        paragraphs.append(f"Proofs speak of the boxes named with them only; for {files[0].controller} that is {place}.")
-    return paragraphs
