@@ -97,16 +97,20 @@ def examination_of(campaign: Campaign, *, full: bool = False) -> Examination:
 
 def verify(
     campaign: Campaign,
-    examination: Examination | None = None,
+    claims: Examination | Sequence[Claim] | None = None,
     *,
     full: bool = False,
     show_progress: bool = True,
 ) -> Report:
     """Check every claim on a campaign and return the report's content.
 
-    ``examination`` defaults to the one of the campaign's study; ``full`` adds the long sweeps.
+    ``claims`` are claims of one's own, or a whole examination; by default those of the campaign's study. ``full``
+    adds the long sweeps.
     """
-    chosen = examination or examination_of(campaign, full=full)
+    if claims is None:
+        chosen = examination_of(campaign, full=full)
+    else:
+        chosen = claims if isinstance(claims, Examination) else Examination(claims=claims, conclude=lambda _: [])
     shown = progress.bar if show_progress else progress.silent
     verdicts: list[Verdict] = []
     with shown(len(chosen.claims), f"verify {campaign.study.name}") as advance:

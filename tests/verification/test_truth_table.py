@@ -414,3 +414,9 @@ def test_what_goes_round_the_verdicts_may_fail_without_losing_them():
     assert [verdict.standing for verdict in report.verdicts] == [PROVED]
     assert len(report.conclusion) == 4 and all("ZeroDivisionError" in line for line in report.conclusion)
     assert not report.figures and not report.tables and not report.scores
+
+
+def test_claims_of_ones_own_can_be_given():
+    claims = [Claim(name="small.own", statement="", source="", check=lambda: Finding(standing=SUPPORTED, method=""))]
+    report = verify(campaign(STATIC, trials=2), claims, show_progress=False)
+    assert [(verdict.claim, verdict.standing) for verdict in report.verdicts] == [("small.own", SUPPORTED)]
