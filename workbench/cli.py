@@ -127,6 +127,7 @@ def compare(
     assignments: Settings = None,
     seed: Seed = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="output folder (default: out/compare-STUDY)")] = None,
+    check: Annotated[bool, typer.Option("--verify", help="also check each law's assumptions: report.html")] = False,
     as_json: Json = False,
 ) -> None:
     """Tune laws alike on a study's plant, run them, and write one table (table.csv), run.nc, scores.json, figures/."""
@@ -142,10 +143,21 @@ def compare(
     done = comparing.compare(study, named, [*(assignments or []), *seeded])
     times = comparing.times(done)
     comparing.save(done, folder, times)
+    if check:
+        from verification import report
+        from verification.examination import verify as examine
+
+        found = examine(done)
+        report.write(found, folder)
     if as_json:
         print(json.dumps(done.scores_json(), indent=2))
         return
     _print_table(comparing.table(done, times))
+    if check:
+        proofs = found.tables[1]
+        print(f"\n{proofs.title}")
+        _print_table([tuple(proofs.header), *(tuple(row) for row in proofs.rows)])
+        print(f"\nReport:   {folder / 'report.html'}")
     print(f"\nTable:    {folder / 'table.csv'} (times: times.csv)\nFigures:  {folder / 'figures'}/")
 
 

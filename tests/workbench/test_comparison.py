@@ -207,6 +207,9 @@ def test_the_command_compares(tmp_path):
     assert "increment" in done.output and "final MSE" in done.output
     for name in ("table.csv", "times.csv", "run.nc", "scores.json"):
         assert (tmp_path / "out" / name).is_file()
+    checked = CliRunner().invoke(app, [*asked, "--out", str(tmp_path / "out"), "--verify"])
+    assert checked.exit_code == 0, checked.output
+    assert "whose proof applies" in checked.output and (tmp_path / "out" / "report.html").is_file()
     told = CliRunner().invoke(app, [*asked, "--out", str(tmp_path / "out"), "--json", "--seed", "3"])
     assert set(json.loads(told.stdout)["scores"]) == {"pid", "increment"}
 
