@@ -18,6 +18,8 @@ from workbench.campaign import Campaign
 from workbench.controller import Task, Trial
 from workbench.fold import stream
 
+BANDED = 20  # entries a row
+
 
 def memories(campaign: Campaign, controller: str) -> Iterator[tuple[Any, Any, int]]:
     """Run a controller's trials again; yield the memory each was run with, its record and its length."""
@@ -37,7 +39,7 @@ def gain(campaign: Campaign, controller: str, memory: Any, left: Any, length: in
     """Return L after a trial as a sparse (N, N + 1) matrix, inputs by errors of samples 0..N.
 
     ``memory`` is that of the trial, ``left`` its record, ``length`` its last sample. The first input and output
-    are meant. A law whose gain is dense (a filter over the whole plan) gives a dense pattern.
+    are meant. None where the gain is not banded: a law that filters its whole plan does not change it by L e alone.
     """
     study = campaign.study
     law, n = study.controllers[controller], study.horizon
@@ -49,6 +51,8 @@ def gain(campaign: Campaign, controller: str, memory: Any, left: Any, length: in
     kept = type(task_memory)(*(ca.MX(ca.DM(value)) for value in memory))
     trial = Trial(ca.DM(r), ca.MX(ca.DM(y)), e, ca.MX(ca.DM(left.u)), ca.DM(reached), ())
     plan = _plan(law, law.learn(kept, trial), r, n)
+    if ca.jacobian_sparsity(plan, e).nnz() > BANDED * n:
+        return None
     slope = ca.Function("learning_gain", [e], [ca.jacobian(plan, e)])
     value = slope(np.where(reached > 0, r - y, 0.0))
     pattern = value.sparsity()

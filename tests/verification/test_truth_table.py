@@ -420,3 +420,15 @@ def test_claims_of_ones_own_can_be_given():
     claims = [Claim(name="small.own", statement="", source="", check=lambda: Finding(standing=SUPPORTED, method=""))]
     report = verify(campaign(STATIC, trials=2), claims, show_progress=False)
     assert [(verdict.claim, verdict.standing) for verdict in report.verdicts] == [("small.own", SUPPORTED)]
+
+
+def test_a_law_that_filters_its_plan_is_left_undecided_with_the_reason():
+    law = Increment(force_unit=1.0, lam=1.0, initial_input=0.3, q_cutoff_hz=0.1)
+    d = Dossier(campaign(FIRST_ORDER, law, trials=3, reference=np.sin(np.linspace(0, 3, 61))), "law")
+    assert isinstance(d.error_map, str) and "filters its whole plan" in d.error_map
+    for finding in (convergence.monotone(d.error_map), convergence.asymptotic(d.error_map, d.reach)):
+        assert finding.standing is UNDECIDED and "filters" in finding.method
+    holds(convergence.peak(d.mse, d.predicted_mse), UNDECIDED)
+    for check in (increment.monotone, increment.weighted):
+        finding = check(FIRST_ORDER, d.evidence, d.box)
+        assert finding.standing is UNDECIDED and "without its filter" in finding.method

@@ -27,7 +27,6 @@ from workbench.tuning import PROCEDURE
 
 SOLVED = 0.01
 POINTS = 9  # along the reference, at which the loop is linearised
-BANDED = ("asymptotic", "monotone", "peak")
 NEEDED = {
     "theorem1": ("A1", "A2.printed", "A4.printed", "theorem1"),
     "known_model": ("known_model", "unsaturated"),
@@ -43,7 +42,7 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
     laws = study.tuned_laws(data)
     ran = Campaign(study.study(laws, true=True, seed=study.seed), data)
     files = [d for d in learning.dossiers(ran) if len(d.plant.outputs) == 1]
-    claims = [_filtered(claim, laws) for d in files for claim in learning.claims_of(d)]
+    claims = [claim for d in files for claim in learning.claims_of(d)]
     for name, law in laws.items():
         claims += _acting(ran, name, law)
     claims = [dataclasses.replace(claim, check=cache(claim.check)) for claim in claims]
@@ -53,14 +52,6 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
         tables=partial(_tables, campaign, claims),
         scores=partial(learning.scores, ran, files),
     )
-
-
-def _filtered(claim: Claim, laws: Mapping[str, Any]) -> Claim:
-    """Return the claim; undecided at once where the lifted map of a law with a filter is not banded."""
-    law = laws[str(claim.controller)]
-    if claim.name.split(".", 1)[1] in BANDED and getattr(law, "q_cutoff_hz", None) is not None:
-        return dataclasses.replace(claim, check=partial(undecided, "the law filters its plan: its gain is not banded"))
-    return claim
 
 
 def _acting(ran: Campaign, name: str, law: Any) -> list[Claim]:
