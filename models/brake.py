@@ -18,6 +18,8 @@ from models.quantity import InvalidValue, declared, given, quantity, table
 APPROACH = Line(grade_starts_m=(150.0, 300.0), grade_permille=(12.0, 28.0, -6.0))
 """The grades before the stop: g(s) of the paper."""
 
+MOST_SUBSTEPS = 1000
+
 
 class Motion(NamedTuple):
     """What moves, or how fast it changes: brake acceleration (m/s^2), speed (m/s), position (m)."""
@@ -71,6 +73,11 @@ class Brake(Plant):
             if abs(value / step - round(value / step)) > 1e-9:
                 of = "sampling_time" if name == "dead_time" else "fine_step"
                 raise InvalidValue(f"{name} must be a whole number of {of} = {step:g} s, got {value:g} s")
+        if self.substeps > MOST_SUBSTEPS:
+            raise InvalidValue(
+                f"fine_step must be at least {self.sampling_time / MOST_SUBSTEPS:g} s "
+                f"(sampling_time / {MOST_SUBSTEPS}), got {self.fine_step:g} s"
+            )
         if self.blocks is not None and not self.blocks:
             raise InvalidValue("blocks must hold at least one number, got none; give null for the line's resistance")
 
