@@ -105,8 +105,10 @@ class Brake(Plant):
     def step(self, x: Any, u: Any, w: Any, k: Any) -> Any:
         """Return motion and line of commands one sample later."""
         acceleration, speed, position, *commands = x
-        path = self.path(Motion(acceleration, speed, position), [u.command, *commands][self.delay], w.resistance)
-        return (*path[-1], *[u.command, *commands][: self.delay])
+        motion, line = Motion(acceleration, speed, position), [u.command, *commands]
+        for _ in range(self.substeps):
+            motion = self.fine(motion, line[self.delay], w.resistance)
+        return (*motion, *line[: self.delay])
 
     def output(self, x: Any) -> Any:
         """Return the speed."""
@@ -128,8 +130,8 @@ class Brake(Plant):
             motion.speed,
         )
 
-    def path(self, motion: Motion, acting: Any, extra: Any) -> list[Motion]:
-        """Return the motion after each fine step of a sample, by the classical Runge-Kutta method.
+    def fine(self, motion: Motion, acting: Any, extra: Any) -> Motion:
+        """Return the motion one fine step later, by the classical Runge-Kutta method.
 
         ``acting`` is the command that acts over the sample, ``extra`` the resistance beyond the plant's own.
         """
@@ -138,12 +140,8 @@ class Brake(Plant):
             now = Motion(column[0], column[1], column[2])
             return ca.vertcat(*self.rates(now, acting, self.resistance(now.speed, now.position) + extra))
 
-        points = []
-        column = ca.vertcat(*motion)
-        for _ in range(self.substeps):
-            column = rk4(rhs, column, 0.0, self.fine_step)
-            points.append(Motion(column[0], column[1], column[2]))
-        return points
+        column = rk4(rhs, ca.vertcat(*motion), 0.0, self.fine_step)
+        return Motion(column[0], column[1], column[2])
 
     def slope(self, x: Any, u: Any, w: Any, t: Any) -> Any:
         """Return dx/dt within a sample, where the commands stand still."""
