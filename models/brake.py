@@ -18,6 +18,8 @@ from models.quantity import InvalidValue, declared, given, quantity, table
 APPROACH = Line(grade_starts_m=(150.0, 300.0), grade_permille=(12.0, 28.0, -6.0))
 """The grades before the stop: g(s) of the paper."""
 
+MOST_SUBSTEPS = 1000
+
 
 class Motion(NamedTuple):
     """What moves, or how fast it changes: brake acceleration (m/s^2), speed (m/s), position (m)."""
@@ -71,6 +73,11 @@ class Brake(Plant):
             if abs(value / step - round(value / step)) > 1e-9:
                 of = "sampling_time" if name == "dead_time" else "fine_step"
                 raise InvalidValue(f"{name} must be a whole number of {of} = {step:g} s, got {value:g} s")
+        if self.substeps > MOST_SUBSTEPS:
+            raise InvalidValue(
+                f"fine_step must be at least {self.sampling_time / MOST_SUBSTEPS:g} s "
+                f"(sampling_time / {MOST_SUBSTEPS}), got {self.fine_step:g} s"
+            )
         if self.blocks is not None and not self.blocks:
             raise InvalidValue("blocks must hold at least one number, got none; give null for the line's resistance")
 
@@ -98,8 +105,10 @@ class Brake(Plant):
     def step(self, x: Any, u: Any, w: Any, k: Any) -> Any:
         """Return motion and line of commands one sample later."""
         acceleration, speed, position, *commands = x
-        path = self.path(Motion(acceleration, speed, position), [u.command, *commands][self.delay], w.resistance)
-        return (*path[-1], *[u.command, *commands][: self.delay])
+        motion, line = Motion(acceleration, speed, position), [u.command, *commands]
+        for _ in range(self.substeps):
+            motion = self.fine(motion, line[self.delay], w.resistance)
+        return (*motion, *line[: self.delay])
 
     def output(self, x: Any) -> Any:
         """Return the speed."""
@@ -121,8 +130,8 @@ class Brake(Plant):
             motion.speed,
         )
 
-    def path(self, motion: Motion, acting: Any, extra: Any) -> list[Motion]:
-        """Return the motion after each fine step of a sample, by the classical Runge-Kutta method.
+    def fine(self, motion: Motion, acting: Any, extra: Any) -> Motion:
+        """Return the motion one fine step later, by the classical Runge-Kutta method.
 
         ``acting`` is the command that acts over the sample, ``extra`` the resistance beyond the plant's own.
         """
@@ -131,12 +140,8 @@ class Brake(Plant):
             now = Motion(column[0], column[1], column[2])
             return ca.vertcat(*self.rates(now, acting, self.resistance(now.speed, now.position) + extra))
 
-        points = []
-        column = ca.vertcat(*motion)
-        for _ in range(self.substeps):
-            column = rk4(rhs, column, 0.0, self.fine_step)
-            points.append(Motion(column[0], column[1], column[2]))
-        return points
+        column = rk4(rhs, ca.vertcat(*motion), 0.0, self.fine_step)
+        return Motion(column[0], column[1], column[2])
 
     def slope(self, x: Any, u: Any, w: Any, t: Any) -> Any:
         """Return dx/dt within a sample, where the commands stand still."""

@@ -62,14 +62,14 @@ def robustly_within(study: Stopping, name: str, seeds: Iterable[int]) -> Finding
         error = stop(study, law, plant=plant, forecast=forecast).error_cm
         tried += 1
         if abs(error) > worst or np.isnan(error):
-            worst, witness = abs(error), {"resistance held (m/s^2)": value, "stop_error_cm": error}
+            worst, witness = abs(error), {"setting": f"brake.blocks=[{value!r}]", "stop_error_cm": error}
         if not within_window(error):
             return _beyond(error, tried, witness)
     for seed in seeds:
         error = stop(study, law, plant=random_plant(study, seed), forecast=forecast).error_cm
         tried += 1
         if abs(error) > worst or np.isnan(error):
-            worst, witness = abs(error), {"resistance.seed": seed, "stop_error_cm": error}
+            worst, witness = abs(error), {"setting": f"resistance.seed={seed}", "stop_error_cm": error}
         if not within_window(error):
             return _beyond(error, tried, witness)
     return Finding(
@@ -87,7 +87,7 @@ def _beyond(error: float, tried: int, witness: dict[str, Any]) -> Finding:
         margin=LIMIT_CM - abs(error),
         unit="cm",
         witness=witness,
-        method=f"stop number {tried} of resistances inside W; run it with the same setting to see it again",
+        method=f"stop number {tried} of resistances inside W; run the study with the witness's setting to see it again",
     )
 
 

@@ -54,21 +54,16 @@ class Truth:
         self.brake, self.curve = brake, curve
         motion, acting = ca.SX.sym("motion", 3), ca.SX.sym("acting")
         here = Motion(motion[0], motion[1], motion[2])
-        path = brake.path(here, acting, 0.0)
-        jerk = [brake.rates(point, acting, 0.0).acceleration for point in [here, *path[:-1]]]
-        self._sample = ca.Function(
-            "sample",
-            [motion, acting],
-            [ca.horzcat(*(ca.vertcat(*point) for point in path)), ca.horzcat(*jerk)],
-            ["motion", "acting"],
-            ["path", "jerk"],
-        )
+        after, jerk = ca.vertcat(*brake.fine(here, acting, 0.0)), brake.rates(here, acting, 0.0).acceleration
+        step = ca.Function("fine", [motion, acting], [after, jerk], ["motion", "acting"], ["after", "jerk"])
+        self._sample = step.mapaccum("sample", brake.substeps)
+        self._repeated = np.ones((1, brake.substeps))
         v, s = ca.SX.sym("v"), ca.SX.sym("s")
         self._resistance = ca.Function("resistance", [v, s], [brake.resistance(v, s)])
 
     def sample(self, motion: Array, acting: float) -> tuple[Array, Array]:
         """Return the motion after each fine step, (3, substeps), and the brake's jerk during it, (substeps,)."""
-        path, jerk = self._sample(motion, acting)
+        path, jerk = self._sample(motion, acting * self._repeated)
         return path.full(), jerk.full().ravel()
 
     def resistance(self, v: float, s: float) -> float:

@@ -158,10 +158,8 @@ def test_all_of_w_refutes_rmpc_with_a_witness_that_replays(small):
     study = small.study
     finding = stopping_outcomes.robustly_within(study, "rmpc-n3", range(2))
     assert finding.standing is Standing.REFUTED
-    held = finding.witness["resistance held (m/s^2)"]
-    again = stopping_outcomes.stop(
-        study, study.controllers["rmpc-n3"], plant=dataclasses.replace(study.brake, blocks=(held,))
-    )
+    replayed = assigned(study, [finding.witness["setting"]])
+    again = stopping_outcomes.stop(replayed, replayed.controllers["rmpc-n3"])
     assert again.error_cm == pytest.approx(finding.witness["stop_error_cm"]) and abs(again.error_cm) > 50
     assert stopping_outcomes.robustly_within(study, "offset-free-n3", range(1)).standing is Standing.SUPPORTED
 

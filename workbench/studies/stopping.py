@@ -30,6 +30,8 @@ from workbench.stopping_design import (
 from workbench.study import Progress, Scores
 
 IDEAL_HORIZON = 10
+MOST_HORIZON = 60
+MOST_SAMPLES = 20_000
 BLOCKS = 60
 """Blocks of a random resistance: beyond the last its value holds."""
 
@@ -65,12 +67,17 @@ class Stopping:
         if not self.horizons:
             raise InvalidValue("horizons must name at least one horizon, got none")
         for N in self.horizons:
-            if N != int(N) or N < 2:
-                raise InvalidValue(f"horizons must be whole numbers of at least 2, got {N:g}")
+            if N != int(N) or not 2 <= N <= MOST_HORIZON:
+                raise InvalidValue(f"horizons must be whole numbers from 2 to {MOST_HORIZON}, got {N:g}")
         if len(set(self.horizons)) != len(self.horizons):
             raise InvalidValue(f"horizons must differ, got {[int(N) for N in self.horizons]}")
         if self.brake.delay < 1:
             raise InvalidValue("brake.dead_time must be at least one sample, got 0 s")
+        if self.most_samples > MOST_SAMPLES:
+            raise InvalidValue(
+                f"the reference must stop within {MOST_SAMPLES // 2} samples, got {self.most_samples // 2}: "
+                "raise curve.deceleration or lower curve.speed"
+            )
 
     @property
     def lengths(self) -> tuple[int, ...]:
