@@ -301,7 +301,7 @@ def test_conclusion_says_what_stands(ran: Ran, law: str) -> None:
     said = " ".join(paragraphs([ran.files[law]], [ran.verdict(c.name.split(".", 1)[1], law) for c in claims]))
     assert law in said and "A2.printed" in said and "A4.printed" in said
     if law == "increment":
-        assert ("provably never grows" in said) == (ran.line == "flat")
+        assert ("the largest input error provably never grows" in said) == (ran.line == "flat")
         assert ("a weighted input error provably" in said) == (ran.line == "hilly")
     (table,) = boxes([ran.files[law]])
     assert [len(row) for row in table.rows] == [len(table.header)] == [5]
