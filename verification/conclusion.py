@@ -80,8 +80,8 @@ def _shared(mine: Mapping[str, Mapping[str, Verdict]]) -> list[str]:
             said.append(
                 f"For {_listed(names)} {_listed(broken)} {'do' if len(broken) > 1 else 'does'} not hold on this plant: "
                 "the ratio of output to input differences between trials also carries what earlier inputs of the same "
-                "trial did, so it is not the partial derivative. A proof that rests on it does not cover these "
-                "controllers, whatever the run looks like."
+                "trial did, so it is not the partial derivative. A proof that rests on it does not cover "
+                f"{'these controllers' if len(names) > 1 else 'this controller'}, whatever the run looks like."
             )
     holds = [
         name
