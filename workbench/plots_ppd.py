@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib import colors
 from matplotlib import pyplot as plt
 
-from workbench.plots import COLOURS, MARKERS, STYLE, styled
+from workbench.plots import COLOURS, MARKERS, STYLE, pretty, styled
 
 MAPS: Any = {"aspect": "auto", "origin": "lower", "interpolation": "nearest"}
 
@@ -156,7 +156,7 @@ def lambda_sweep(
         axes.axvline(used, color="black", linewidth=1.2, label=f"used: {used:.3g}")
         for index, (label, value) in enumerate(lines.items(), start=2):
             axes.axvline(value, **styled(index), label=f"{label}: {value:.3g}")
-        axes.set(xlabel=f"lambda ({units[0]})", ylabel=f"MSE ({units[1]})", title=controller)
+        axes.set(xlabel=f"lambda ({pretty(units[0])})", ylabel=f"MSE ({pretty(units[1])})", title=controller)
         axes.legend(fontsize=8.5)
         return figure
 
@@ -179,15 +179,15 @@ def sweep_map(
         shown = axes.pcolormesh(
             found.force_unit, found.lam, found.mse_last, norm=norm, cmap="cividis", shading="nearest"
         )
-        figure.colorbar(shown, ax=axes, label=f"last MSE ({units[2]})")
-        units, lams = np.meshgrid(found.force_unit, found.lam)
+        figure.colorbar(shown, ax=axes, label=f"last MSE ({pretty(units[2])})")
+        across, up = np.meshgrid(found.force_unit, found.lam)
         gone = ~(np.nan_to_num(found.mse_last, nan=np.inf) < found.mse_first)
-        axes.scatter(units[gone], lams[gone], marker="x", color="black", s=22, label="diverges, or ends above trial 1")
+        axes.scatter(across[gone], up[gone], marker="x", color="black", s=22, label="diverges, or ends above trial 1")
         for index, (label, values) in enumerate(lines.items()):
             axes.plot(found.force_unit, values, color="#D00000", linestyle=("-", "--")[index % 2], label=label)
         axes.scatter(*used, marker="*", s=160, color="white", edgecolor="black", label="used", zorder=3)
         axes.set(xscale="log", yscale="log", xlabel=f"force unit ({units[1]})")
-        axes.set_ylabel(f"lambda (({units[0]} per force unit)^2)")
+        axes.set_ylabel(pretty(f"lambda (({units[0]} per force unit)^2)"))
         axes.set(title=controller, ylim=(found.lam[0] / 2, found.lam[-1] * 2))
         figure.legend(fontsize=8.5, loc="outside lower center", ncols=2)
         return figure
@@ -200,7 +200,7 @@ def predicted_against_observed(controller: str, predicted: Any, observed: Any, *
         figure, axes = plt.subplots()
         axes.semilogy(trials, observed, **styled(0), label="observed")
         axes.semilogy(trials[: predicted.size], predicted, **styled(1), label="predicted by I - G L, frozen")
-        axes.set(xlabel="trial i", ylabel=f"MSE ({unit})", title=controller)
+        axes.set(xlabel="trial i", ylabel=f"MSE ({pretty(unit)})", title=controller)
         axes.legend()
         return figure
 
