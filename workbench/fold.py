@@ -18,10 +18,12 @@ from models.plant import Plant, stacked
 from models.quantity import InvalidValue, symbolised
 from workbench.controller import Estimating, Learning, Placing, Stateful, Task, Telling, Trial
 from workbench.generated import SAMPLES
+from workbench.timetable import timetable
 
 MEMORY = "memory_"
+TIMETABLE = f"{MEMORY}timetable"
 ROWS = ("u", "x", "y", "estimate", "applied", "told")
-TOGETHER = 2**19  # numbers of trials' records that lie together: from 4 MB on, memory comes in large pages
+TOGETHER = 2**16  # numbers of trials' records that lie together: few, so that they come from memory used before
 UNROLLED = 20  # samples folded into one function; larger saves calls, and costs compile time
 
 
@@ -82,6 +84,11 @@ class Fold:
         """Names of the trial Function's memory inputs."""
         return tuple(name for name in self.trial.name_in() if name.startswith(MEMORY))
 
+    @property
+    def law_memory(self) -> tuple[str, ...]:
+        """Names of those that are the law's own: all but the rows that depend on time alone."""
+        return tuple(name for name in self.memory if name != TIMETABLE)
+
     def values_of(self, law: Any) -> tuple[float, ...]:
         """Return the parameters' values with another law of the same class and structure."""
         return symbolised(self.plant).values + symbolised(law).values
@@ -131,8 +138,6 @@ def build(plant: Plant, law: Any, samples: int) -> Fold:
     begun = law_mx.start(Task(r, sampling_time))
     fields = [MEMORY + name for name in getattr(begun, "_fields", ())]
     first = [ca.densify(ca.MX(value)) for value in begun]
-    start = ca.Function("start", [r, sampling_time, p], first, ["r", "sampling_time", "p"], fields)
-
     kept = [ca.MX.sym(name, *value.shape) for name, value in zip(fields, first, strict=True)]
     memory = _like(begun, kept)
     given = {
@@ -156,6 +161,12 @@ def build(plant: Plant, law: Any, samples: int) -> Fold:
     ready = law_mx.ready(memory) if isinstance(law, Stateful) else ()
     sample = _sample(plant_sx.thing, law_sx.thing, memory, ready, samples)
     symbols = dict(zip(names, [*plant_sx.symbols, *law_sx.symbols], strict=True))
+    sample, table = _timed(sample, symbols, p, samples)
+    timed = {}
+    if table is not None:
+        timed[TIMETABLE] = rows["timed"] = ca.MX.sym(TIMETABLE, *table.shape)
+        first.append(table)
+    start = ca.Function("start", [r, sampling_time, p], first, ["r", "sampling_time", "p"], [*fields, *timed])
     folded = _folded(sample, symbols, begin, memory, ready, rows, p, samples)
 
     x = ca.horzcat(begin, folded.x)
@@ -172,6 +183,7 @@ def build(plant: Plant, law: Any, samples: int) -> Fold:
     _same_shapes(law, fields, kept, learned)
     results = {
         **{f"{name}_next": ca.densify(value) for name, value in zip(fields, learned, strict=True)},
+        **{f"{name}_next": rows_of_time for name, rows_of_time in timed.items()},
         "x_end": folded.x[:, -1],
         "u": ca.densify(u),
         "x": ca.densify(x),
@@ -183,9 +195,9 @@ def build(plant: Plant, law: Any, samples: int) -> Fold:
     }
     trial = ca.Function(
         f"trial_{plant.name}_{type(law).__name__.lower()}",
-        [*kept, *given.values()],
+        [*kept, *timed.values(), *given.values()],
         list(results.values()),
-        [*fields, *given],
+        [*fields, *timed, *given],
         list(results),
     )
     return Fold(plant, law, samples, tuple(names), plant_sx.values + law_sx.values, start, trial)
@@ -204,6 +216,26 @@ class _Sample(NamedTuple):
     y: ca.SX
     applied: ca.SX
     feeds_back: bool
+
+
+def _timed(sample: _Sample, symbols: dict[str, ca.SX], p: Any, samples: int) -> tuple[_Sample, Any]:
+    """Take what depends on time alone out of a sample; return it with its rows (m, N) as an MX of p, or None."""
+    results = [sample.x_next, *sample.state_next, sample.u, sample.y, sample.applied]
+    parameters = ca.vertcat(*symbols.values())
+    found = timetable(results, sample.rows["k"], parameters)
+    if not found.symbols.numel():
+        return sample, None
+    x_next, *state_next, u, y, applied = found.results
+    one = ca.Function("timetable", [sample.rows["k"], parameters], [found.values])
+    table = one.map(samples)(ca.DM(range(samples)).T, ca.repmat(p, 1, samples))
+    return sample._replace(
+        rows={**sample.rows, "timed": found.symbols},
+        x_next=x_next,
+        state_next=_like(sample.state_next, state_next),
+        u=u,
+        y=y,
+        applied=applied,
+    ), ca.densify(table)
 
 
 class _Folded(NamedTuple):
@@ -323,7 +355,8 @@ def stream(
     r = np.asarray(reference, dtype=float)
     told = {"r": _flat(r), "p": p}  # buffers keep no reference: what they are handed must outlive them
     first = _begun(fold, told)
-    for (name, field), start in zip(first.items(), memory or (), strict=memory is not None):
+    own = ((name, first[name]) for name in fold.law_memory)
+    for (name, field), start in zip(own, memory or (), strict=memory is not None):
         given_field = _flat(ca.DM(start).full())
         if field.size != given_field.size:
             raise InvalidValue(f"{name} must hold {field.size} number(s), got {given_field.size}")
@@ -366,7 +399,7 @@ def stream(
         used: tuple[Any, ...] = ()
         if keep_memory:
             before = second if index % 2 else first
-            used = tuple(before[name].reshape(fold.start.size_out(name), order="F").copy() for name in fold.memory)
+            used = tuple(before[name].reshape(fold.start.size_out(name), order="F").copy() for name in fold.law_memory)
         yield TrialRecord(**dict(zip(ROWS, rows, strict=True)), mse=float(mse[0, 0]), memory=used)
 
 

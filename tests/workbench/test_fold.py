@@ -147,7 +147,7 @@ def test_the_state_is_frozen_after_the_end():
 def test_functions_have_names():
     fold = build(plant(), PD(), N)
     assert fold.trial.name() == "trial_pointmass_pd"
-    assert fold.trial.name_in() == ["memory_u", "x0", "length", "r", "w", "noise", "p"]
+    assert fold.trial.name_in() == ["memory_u", "memory_timetable", "x0", "length", "r", "w", "noise", "p"]
     assert fold.campaign(2).name_out() == ["u", "y", "mse", "estimate"]
     assert fold.parameters[0] == "plant.mass" and "law.kp" in fold.parameters
 
