@@ -97,7 +97,7 @@ def _shared(mine: Mapping[str, Mapping[str, Verdict]]) -> list[str]:
 
 
 def _sentences(d: Any, own: Mapping[str, Verdict], repaired: Sequence[str]) -> list[str]:
-    e, unit, broken = d.evidence, d.mse_unit, _broken(own)
+    e, unit, broken = d.evidence, d.mse_unit.replace("^2", "²"), _broken(own)
     text = [f"{d.controller}: the MSE went from {d.mse[0]:.4g} to {d.mse[-1]:.4g} {unit} in {d.mse.size} trials."]
     ratio = (e.ratio / e.partial)[np.isfinite(e.ratio)]
     if broken and ratio.size:
@@ -114,7 +114,7 @@ def _sentences(d: Any, own: Mapping[str, Verdict], repaired: Sequence[str]) -> l
     text += _increment(own) or _lifted(own)
     text += _estimate(d, own)
     if broken and not learns_increment(d.law) and repaired:
-        text.append(f"What to do: use {_listed(repaired)}, which provably converges on this plant.")
+        text.append(f"What to do: use {_listed(repaired)}, proved to converge over its box without measurement noise.")
     elif broken and not learns_increment(d.law) and e.degree == 1:
         text.append(
             "What to do: learn on the increment of the output (the law Increment), and verify again: there "

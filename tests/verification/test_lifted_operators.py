@@ -173,10 +173,12 @@ PLANNING = [
     ("icfdl", ICFDL(), TRAIN, "uniform"),
     ("cfdl", CFDL(), TRAIN, "fixed"),
     ("increment", Increment(), TRAIN, "uniform"),
-    ("increment, filtered", Increment(q_cutoff_hz=1.0), TRAIN, "uniform"),
     ("fixed gain on the position", FixedGain(learns="position"), MetroLine(), "fixed"),
     ("fixed gain on the speed", FixedGain(), MetroLine(), "fixed"),
-    ("variable gain", VariableGain(), MetroLine(), "fixed"),
+]
+DENSE = [
+    ("increment, filtered", Increment(q_cutoff_hz=1.0), TRAIN, "uniform"),
+    ("variable gain, by the mean error", VariableGain(), MetroLine(), "fixed"),
 ]
 
 
@@ -225,7 +227,14 @@ def test_learning_gain_is_the_difference_quotient_of_learn(name, law, plant, len
         quotient[:, k] = plan(up) - plan(down)
     scale = max(np.abs(quotient).max(), 1e-12)
     np.testing.assert_allclose(exact, quotient, rtol=1e-7, atol=1e-9 * scale)
-    assert (np.abs(quotient).max() > 1e-6) == (name not in ("fixed gain on the speed", "variable gain"))
+    assert (np.abs(quotient).max() > 1e-6) == (name != "fixed gain on the speed")
+
+
+@pytest.mark.parametrize(("name", "law", "plant", "lengths"), DENSE, ids=[row[0] for row in DENSE])
+def test_a_law_whose_plan_mixes_all_samples_has_no_banded_gain(name, law, plant, lengths):
+    campaign = small(law, plant, lengths)
+    *_, (memory, left, length) = memories(campaign, "law")
+    assert gain(campaign, "law", memory, left, length) is None
 
 
 def test_a_law_that_acts_on_what_it_measures_has_no_such_gain():

@@ -380,7 +380,7 @@ def _adaptive_figures(d: Dossier, full: bool) -> dict[str, Figure]:
     }
     result[f"sweep_{name}"] = Figure(
         caption=f"{name}: last MSE over lambda and the force unit, with the boundaries that theory predicts from the "
-        "partial derivative; crosses mark where the law diverges, or has so small a gain that it ends above trial 1.",
+        "partial derivative; crosses mark where the law diverges, or learns so little that it ends above trial 1.",
         draw=partial(
             plots_ppd.sweep_map, name, found, bounds, (d.law.force_unit, d.law.lam), units=(*e.units, d.mse_unit)
         ),
