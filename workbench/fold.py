@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from models.plant import Plant, stacked
+from models.plant import Plant
 from models.quantity import InvalidValue, symbolised
 from workbench.controller import Estimating, Learning, Placing, Stateful, Task, Telling, Trial
 from workbench.generated import SAMPLES
-from workbench.timetable import timetable
+from workbench.sample import Sample, like, one_sample, without_time
 
 MEMORY = "memory_"
 TIMETABLE = f"{MEMORY}timetable"
@@ -139,7 +139,7 @@ def build(plant: Plant, law: Any, samples: int) -> Fold:
     fields = [MEMORY + name for name in getattr(begun, "_fields", ())]
     first = [ca.densify(ca.MX(value)) for value in begun]
     kept = [ca.MX.sym(name, *value.shape) for name, value in zip(fields, first, strict=True)]
-    memory = _like(begun, kept)
+    memory = like(begun, kept)
     given = {
         "x0": ca.MX.sym("x0", nx),
         "length": ca.MX.sym("length"),
@@ -159,9 +159,9 @@ def build(plant: Plant, law: Any, samples: int) -> Fold:
     }
     begin = law_mx.place(memory, given["x0"]) if isinstance(law, Placing) else given["x0"]
     ready = law_mx.ready(memory) if isinstance(law, Stateful) else ()
-    sample = _sample(plant_sx.thing, law_sx.thing, memory, ready, samples)
+    sample = one_sample(plant_sx.thing, law_sx.thing, memory, ready, samples)
     symbols = dict(zip(names, [*plant_sx.symbols, *law_sx.symbols], strict=True))
-    sample, table = _timed(sample, symbols, p, samples)
+    sample, table = without_time(sample, symbols, p, samples)
     timed = {}
     if table is not None:
         timed[TIMETABLE] = rows["timed"] = ca.MX.sym(TIMETABLE, *table.shape)
@@ -203,41 +203,6 @@ def build(plant: Plant, law: Any, samples: int) -> Fold:
     return Fold(plant, law, samples, tuple(names), plant_sx.values + law_sx.values, start, trial)
 
 
-class _Sample(NamedTuple):
-    """One sample of plant and law in SX: symbols by name and results."""
-
-    x: ca.SX
-    state: Any
-    memory: Any
-    rows: dict[str, ca.SX]
-    x_next: ca.SX
-    state_next: Any
-    u: ca.SX
-    y: ca.SX
-    applied: ca.SX
-    feeds_back: bool
-
-
-def _timed(sample: _Sample, symbols: dict[str, ca.SX], p: Any, samples: int) -> tuple[_Sample, Any]:
-    """Take what depends on time alone out of a sample; return it with its rows (m, N) as an MX of p, or None."""
-    results = [sample.x_next, *sample.state_next, sample.u, sample.y, sample.applied]
-    parameters = ca.vertcat(*symbols.values())
-    found = timetable(results, sample.rows["k"], parameters)
-    if not found.symbols.numel():
-        return sample, None
-    x_next, *state_next, u, y, applied = found.results
-    one = ca.Function("timetable", [sample.rows["k"], parameters], [found.values])
-    table = one.map(samples)(ca.DM(range(samples)).T, ca.repmat(p, 1, samples))
-    return sample._replace(
-        rows={**sample.rows, "timed": found.symbols},
-        x_next=x_next,
-        state_next=_like(sample.state_next, state_next),
-        u=u,
-        y=y,
-        applied=applied,
-    ), ca.densify(table)
-
-
 class _Folded(NamedTuple):
     """Rows of one trial: state after each sample, acting state after each sample, inputs and output at each."""
 
@@ -248,51 +213,8 @@ class _Folded(NamedTuple):
     applied: Any
 
 
-def _like(pattern: Any, values: Sequence[Any]) -> Any:
-    """Return values in the NamedTuple type of pattern, or () where that is empty."""
-    return type(pattern)(*values) if values else ()
-
-
-def _sample(plant: Plant, law: Any, memory: Any, ready: Any, samples: int) -> _Sample:
-    at = plant.symbols()
-    ny = len(plant.outputs)
-    rows = {
-        "r": ca.SX.sym("r", ny),
-        "r_next": ca.SX.sym("r_next", ny),
-        "w": at["w"],
-        "noise": ca.SX.sym("noise", ny),
-        "k": at["k"],
-        "reached_next": ca.SX.sym("reached_next"),
-    }
-    memory_k = _like(memory, [ca.SX.sym(f"m{i}", field.shape[0]) for i, field in enumerate(memory)])
-    for name, field in zip(getattr(memory, "_fields", ()), memory, strict=True):
-        if field.shape[1] not in (1, samples, samples + 1):
-            raise InvalidValue(
-                f"{type(law).__name__}: memory {name} must have 1, N = {samples} or N + 1 columns, got {field.shape[1]}"
-            )
-    state = _like(ready, [ca.SX.sym(f"s{i}", *ca.MX(field).shape) for i, field in enumerate(ready)])
-    y = plant.measured(at["x"])
-    u, state_next = law.act(memory_k, state, rows["r"], rows["r_next"], y + rows["noise"])
-    u = stacked(u, plant.inputs, f"{type(law).__name__}.act")
-    x_next = plant.next_state(at["x"], u, at["w"], at["k"])
-    going = rows["reached_next"]
-    fed = ca.vertcat(at["x"], rows["noise"], *(ca.vec(field) for field in state))
-    return _Sample(
-        at["x"],
-        state,
-        memory_k,
-        rows,
-        ca.if_else(going, x_next, at["x"]),
-        _like(ready, [ca.if_else(going, new, old) for new, old in zip(state_next, state, strict=True)]),
-        u,
-        y,
-        plant.applied_input(at["x"], u, at["k"]) if type(plant).applied is not Plant.applied else ca.SX(0, 1),
-        ca.depends_on(u, fed),
-    )
-
-
 def _folded(
-    sample: _Sample,
+    sample: Sample,
     symbols: dict[str, ca.SX],
     begin: Any,
     memory: Any,
@@ -316,7 +238,7 @@ def _folded(
     fold = one.mapaccum(f"{SAMPLES}_{accumulated}_{fixed}", samples, accumulated, {"base": UNROLLED})
     handed = [value if value.shape[1] == samples else ca.repmat(value, 1, samples) for _, value in mapped]
     folded = fold.call([begin, *ready, *handed])
-    return _Folded(folded[0], _like(ready, folded[1:accumulated]), *folded[-3:])
+    return _Folded(folded[0], like(ready, folded[1:accumulated]), *folded[-3:])
 
 
 def _with_parameters(value: ca.SX, x: ca.SX, symbols: dict[str, ca.SX]) -> ca.Function:

@@ -49,7 +49,9 @@ def dense(plant: Plant, x0: list[float], u: Any, increment: bool) -> Any:
     """Return every output's derivative by every input, (N + 1, N), from the trial Function that campaigns run."""
     fold = build(plant, PD(force_unit=1.0), u.size)
     slope = fold.trial.factory("slope", fold.trial.name_in(), ["jac:y:memory_u"])
+    begun = fold.start.call({"r": np.zeros((1, u.size + 1)), "sampling_time": 1.0, "p": ca.DM(fold.values)})
     given = {
+        **{name: begun[name] for name in fold.memory},
         "memory_u": u,
         "x0": x0,
         "length": u.size,
