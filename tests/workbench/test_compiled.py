@@ -84,3 +84,31 @@ def test_a_cache_folder_that_cannot_be_written(tmp_path, monkeypatch):
     monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path / "file" / "cache"))
     with pytest.raises(InvalidValue, match=r"the cache folder .* must be writable, got: .*; set WORKBENCH_CACHE"):
         module.cache_folder()
+
+
+@needs_compiler
+def test_c_that_was_tightened_wrongly_is_not_used(tmp_path, monkeypatch, caplog):
+    monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path))
+    wrong = []
+
+    def slipped(source):
+        wrong.append(source.replace("sin(", "cos("))
+        return wrong[-1]
+
+    monkeypatch.setattr(module, "tightened", slipped)
+    with caplog.at_level(logging.WARNING, logger="workbench"):
+        made = compiled(function())
+    assert wrong[0].count("cos(") and "differs from the virtual machine" in caplog.text
+    assert float(made(1.0)[0]) == float(function()(1.0)[0])
+    caplog.clear()
+    assert float(compiled(function())(1.0)[0]) == float(made(1.0)[0]), "the library that was kept is the right one"
+    assert not caplog.text
+
+
+def test_agreement_sees_a_difference_and_missing_numbers():
+    x = ca.MX.sym("x", 5)
+    right, wrong, missing = (
+        ca.Function("f", [x], [value]) for value in (ca.sin(x), ca.sin(x) * (1 + 1e-6), ca.sin(x) + ca.DM.nan(5, 1))
+    )
+    assert module.agrees(right, right) and module.agrees(missing, missing)
+    assert not module.agrees(right, wrong) and not module.agrees(right, missing)

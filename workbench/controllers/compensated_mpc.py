@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.quantity import count, declared, given
-from workbench.predictive.condensed import CondensedQP, Plan, condense
+from workbench.predictive.condensed import CondensedQP, Plan, tube_problem
 from workbench.predictive.decision import Decision, Following, without_plan
 from workbench.predictive.disturbance_model import DisturbanceModel
 from workbench.predictive.quadratic_program import Infeasible
@@ -39,15 +39,7 @@ class CompensatedMPC:
     @cached_property
     def problem(self) -> CondensedQP:
         """(11) and (14), condensed; built once."""
-        tube, N = self.tube, self.N
-        return condense(
-            A=tube.plant.A,
-            b=tube.plant.b,
-            state_weights=[tube.Q] * N,
-            input_weights=[tube.R] * N,
-            P=tube.P,
-            bounds=[*(tube.stage_bounds(i) for i in range(N)), tube.terminal_bounds(N)],
-        )
+        return tube_problem(self.tube, self.N)
 
     def plan(self, e: ArrayLike, d: ArrayLike) -> Plan | Infeasible:
         """The plan from e(k) = z(k) - x_s(k+l), shape (n,), given d(k) ... d(k+l), shape (l+1,), or why none is."""

@@ -8,7 +8,7 @@ from typing import ClassVar
 from numpy.typing import ArrayLike
 
 from models.quantity import count, declared, given
-from workbench.predictive.condensed import CondensedQP, Plan, condense
+from workbench.predictive.condensed import CondensedQP, Plan, tube_problem
 from workbench.predictive.decision import Decision, Following, without_plan
 from workbench.predictive.quadratic_program import Infeasible
 from workbench.predictive.tube import Tube
@@ -30,15 +30,7 @@ class RMPC:
     @cached_property
     def problem(self) -> CondensedQP:
         """(11) and (14), condensed; built once."""
-        tube, N = self.tube, self.N
-        return condense(
-            A=tube.plant.A,
-            b=tube.plant.b,
-            state_weights=[tube.Q] * N,
-            input_weights=[tube.R] * N,
-            P=tube.P,
-            bounds=[*(tube.stage_bounds(i) for i in range(N)), tube.terminal_bounds(N)],
-        )
+        return tube_problem(self.tube, self.N)
 
     def plan(self, e: ArrayLike) -> Plan | Infeasible:
         """The optimal plan from e(k) = z(k) - x_s(k+l), shape (n,), or why there is none."""

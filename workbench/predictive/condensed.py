@@ -15,6 +15,7 @@ from models.quantity import InvalidValue
 from workbench.array import Array, checked
 from workbench.linear_program import minimise
 from workbench.predictive.quadratic_program import FEASIBILITY_TOLERANCE, Infeasible, WarmQP
+from workbench.predictive.tube import Tube
 from workbench.sets import Polytope
 
 IMMOVABLE = 1e-12
@@ -241,4 +242,16 @@ def condense(
         S=S[moves],
         fixed=Polytope(H=S[~moves], h=g[~moves], labels=tuple(names[~moves])),
         labels=tuple(names[moves]),
+    )
+
+
+def tube_problem(tube: Tube, N: int) -> CondensedQP:
+    """Return the problem (11) of tube MPC over N samples under the tightened bounds (14), condensed."""
+    return condense(
+        A=tube.plant.A,
+        b=tube.plant.b,
+        state_weights=[tube.Q] * N,
+        input_weights=[tube.R] * N,
+        P=tube.P,
+        bounds=[*(tube.stage_bounds(i) for i in range(N)), tube.terminal_bounds(N)],
     )
