@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from workbench.compiled import compiled
+from studies.ato.study import STUDY
 from workbench.controllers.bp_fipid import BPFIPID
-from workbench.fold import build
-from workbench.studies.ato import STUDY
+from workbench.fold.fold import build
+from workbench.fold.machine_code import compiled
 
 PUBLISHED_SECONDS = 36.017
 

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from typing import Any
 
 from benchmarks.measure import least_times
-from workbench.compiled import compiled
-from workbench.fold import stream
-from workbench.studies.maglev import STUDY as MAGLEV
-from workbench.studies.metro import STUDY as METRO
-from workbench.studies.variable_gain import STUDY as VARIABLE_GAIN
+from studies.maglev.study import STUDY as MAGLEV
+from studies.metro.study import STUDY as METRO
+from studies.variable_gain.study import STUDY as VARIABLE_GAIN
+from workbench.fold.fold import stream
+from workbench.fold.machine_code import compiled
 
 CASES = (
     ("metro: icfdl, a trial of 2000 samples", METRO, "icfdl", 50),

@@ -13,12 +13,12 @@ from benchmarks import loops
 from benchmarks.measure import command_time, in_a_new_process, least_times
 from models.point_mass import PointMass
 from models.reference import MetroProfile
-from workbench.compiled import compiled
+from studies.metro.study import STUDY
 from workbench.controllers import ICFDL
-from workbench.fold import TrialInput, build, stream
-from workbench.studies.metro import STUDY
+from workbench.fold.fold import TrialInput, build, stream
+from workbench.fold.machine_code import compiled
 
-RUN = "from workbench.studies.metro import STUDY; from workbench import settings; from workbench.campaign import run\n"
+RUN = "from studies.metro.study import STUDY; from workbench import settings; from workbench.campaign import run\n"
 
 
 def rows() -> Iterator[tuple[str, str, str]]:

@@ -14,11 +14,11 @@ import daqp
 import numpy as np
 
 from benchmarks.measure import least_times
+from studies.stopping.run import Truth, brake_to_stop, stepping
+from studies.stopping.study import STUDY
 from workbench.controllers.rmpc import RMPC
 from workbench.predictive.condensed import Plan
 from workbench.predictive.decision import start
-from workbench.stopping_run import Truth, brake_to_stop, stepping
-from workbench.studies.stopping import STUDY
 
 TIGHT = {"primal_tol": 1e-10, "dual_tol": 1e-12}
 SAMPLES = 200

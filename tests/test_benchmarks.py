@@ -11,8 +11,8 @@ import pytest
 
 import benchmarks
 from benchmarks import loops
-from workbench.fold import stream
-from workbench.studies.metro import STUDY
+from studies.metro.study import STUDY
+from workbench.fold.fold import stream
 
 
 def test_the_hand_written_loop_is_the_same_law():

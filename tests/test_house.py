@@ -14,10 +14,10 @@ import pytest
 
 from models.plant import Plant, signals
 from models.quantity import declared, quantity
-from workbench import studies
+from workbench.trials import find as studies
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("models", "workbench", "verification")
+FOLDERS = ("models", "workbench", "verification", "studies")
 SOURCES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
 
 
@@ -95,7 +95,7 @@ def test_every_controller_has_a_source_and_is_in_a_study():
     assert len(laws) >= len(list(folder.glob("*.py"))) - 1
     used = {
         type(law)
-        for name in studies.NAMES
+        for name in studies.names()
         for law in dict(getattr(studies.find(name), "controllers", None) or {}).values()
     }
     for law in laws:
@@ -137,7 +137,12 @@ def imported(path: Path) -> set[str]:
 
 @pytest.mark.parametrize("path", SOURCES, ids=dotted)
 def test_folders_import_one_way(path):
-    above = {"models": {"workbench", "verification"}, "workbench": {"verification"}, "verification": set()}
+    above = {
+        "models": {"workbench", "verification", "studies"},
+        "workbench": {"verification", "studies"},
+        "verification": {"studies"},
+        "studies": set(),
+    }
     allowed = {"verification"} if path.name == "cli.py" else set()
     folder = path.relative_to(ROOT).parts[0]
     forbidden = (above[folder] - allowed) | {"tests", "benchmarks", "notebooks"}

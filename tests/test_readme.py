@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from studies.metro.ledger import ledger, markdown, supported
+from studies.metro.study import STUDY
 from workbench import load
-from workbench.ledger import ledger, markdown, supported
-from workbench.studies.metro import STUDY
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()
@@ -49,7 +49,7 @@ def test_the_declaration_is_about_ten_lines():
 def test_the_ledger_agrees_with_a_fresh_computation():
     shown = re.search(r"<!-- ledger.*?-->\n(.*?)\n<!-- end", README, re.DOTALL)
     assert shown is not None
-    assert shown[1] == markdown(ledger(STUDY)), "write the output of python -m workbench.ledger into the README"
+    assert shown[1] == markdown(ledger(STUDY)), "write the output of python -m studies.metro.ledger into the README"
 
 
 def test_the_ledger_says_what_the_numbers_say():

@@ -1,7 +1,25 @@
 """Declare a plant once, run controllers on it, and look."""
 
-from workbench.campaign import Campaign, load, run
-from workbench.trial_length import TrialLength
-from workbench.trial_study import TrialStudy
+from importlib import import_module
 
+_HOME = {
+    "Campaign": "workbench.trials.campaign",
+    "TrialLength": "workbench.trials.length",
+    "TrialStudy": "workbench.trials.study",
+    "load": "workbench.trials.campaign",
+    "run": "workbench.trials.campaign",
+}
 __all__ = ["Campaign", "TrialLength", "TrialStudy", "load", "run"]
+
+
+def __getattr__(name: str) -> object:
+    """Import a name from where it lives when it is first asked for."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(_HOME[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the names that may be asked for."""
+    return sorted({*globals(), *__all__})

@@ -32,7 +32,8 @@ Json = Annotated[bool, typer.Option("--json", help="print scores.json instead of
 
 
 def _study(name: str, assignments: list[str] | None, seed: int | None) -> Any:
-    from workbench import settings, studies
+    from workbench.contracts import settings
+    from workbench.trials import find as studies
 
     seeded = [f"seed={seed}"] if seed is not None else []
     return settings.assigned(studies.find(name), [*(assignments or []), *seeded])
@@ -41,16 +42,16 @@ def _study(name: str, assignments: list[str] | None, seed: int | None) -> Any:
 @app.command("list")
 def list_studies() -> None:
     """Name the built-in studies."""
-    from workbench import studies
+    from workbench.trials import find as studies
 
-    for name in studies.NAMES:
-        print(f"{name:16}{studies.find(name).title}")
+    for name in studies.names():
+        print(f"{name:16}{studies.title(name)}")
 
 
 @app.command()
 def show(name: Name) -> None:
     """Print the settings that --set takes, with units and ranges."""
-    from workbench import settings
+    from workbench.contracts import settings
 
     study = _study(name, None, None)
     print(f"{study.name}: {study.title}" if study.title else study.name)
@@ -67,7 +68,7 @@ def show(name: Name) -> None:
 @app.command()
 def run(name: Name, assignments: Settings = None, seed: Seed = None, out: Out = None, as_json: Json = False) -> None:
     """Run a study and write run.nc, scores.json and figures/."""
-    from workbench import campaign
+    from workbench.trials import campaign
 
     study = _study(name, assignments, seed)
     folder = out or Path("out") / study.name
@@ -97,9 +98,9 @@ def verify(
     Exit status: 0 every check came to a standing, 1 some are UNDECIDED, 2 bad usage or input, with --strict 3
     if any is REFUTED.
     """
-    from verification import report
-    from verification.examination import verify as examine
-    from workbench import campaign
+    from verification.decide.verify import verify as examine
+    from verification.report import write as report
+    from workbench.trials import campaign
 
     study = _study(name, assignments, seed)
     folder = out or Path("out") / study.name
@@ -131,8 +132,9 @@ def compare(
     as_json: Json = False,
 ) -> None:
     """Tune laws alike on a study's plant, run them, and write one table (table.csv), run.nc, scores.json, figures/."""
-    from workbench import campaign, studies
-    from workbench import compare as comparing
+    from workbench.design import table as comparing
+    from workbench.trials import campaign
+    from workbench.trials import find as studies
 
     study = studies.find(name)
     folder = out or Path("out") / f"compare-{study.name}"
@@ -144,8 +146,8 @@ def compare(
     times = comparing.times(done)
     comparing.save(done, folder, times)
     if check:
-        from verification import report
-        from verification.examination import verify as examine
+        from verification.decide.verify import verify as examine
+        from verification.report import write as report
 
         found = examine(done)
         report.write(found, folder)

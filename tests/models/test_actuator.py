@@ -14,8 +14,8 @@ from models.plant import Plant, signals
 from models.point_mass import PointMass
 from models.quantity import InvalidValue, declared, quantity
 from workbench.controllers import ICFDL
-from workbench.fold import build, stream
-from workbench.trial_study import TrialInput
+from workbench.fold.fold import build, stream
+from workbench.trials.study import TrialInput
 
 COMMANDS = np.random.default_rng(3).normal(0, 5, 60)
 

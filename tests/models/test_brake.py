@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from models.brake import Brake, Motion
 from models.braking_curve import BrakingCurve
 from models.quantity import InvalidValue
-from workbench.predictive.brake_model import brake_model, reference_state
+from studies.stopping.brake_model import brake_model, reference_state
 
 TAU, T, C = 0.4, 0.2, -1.07
 

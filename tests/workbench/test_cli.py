@@ -10,15 +10,16 @@ import sys
 import pytest
 
 from models.point_mass import PointMass
-from workbench import settings, studies
-from workbench.campaign import load
+from workbench.contracts import settings
+from workbench.trials import find as studies
+from workbench.trials.campaign import load
 
 OWN = """
 import numpy as np
 from models.plant import Plant, signals
 from models.quantity import declared, quantity
 from workbench.controllers import PD
-from workbench.trial_study import TrialStudy
+from workbench.trials.study import TrialStudy
 
 @declared
 class Cart(Plant):
@@ -81,7 +82,7 @@ def test_json_is_scores_json(tmp_path):
 
 def test_list_and_show(tmp_path):
     listed = workbench("list", cwd=tmp_path)
-    assert listed.returncode == 0 and [line.split()[0] for line in listed.stdout.splitlines()] == list(studies.NAMES)
+    assert listed.returncode == 0 and [line.split()[0] for line in listed.stdout.splitlines()] == list(studies.names())
     shown = workbench("show", "metro", cwd=tmp_path)
     assert shown.returncode == 0
     keys = {line.split()[0] for line in shown.stdout.splitlines() if line}
@@ -119,7 +120,7 @@ def test_without_a_compiler_it_runs_and_says_so_once(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["nope"], ["there is no study 'nope'", "the studies are: metro"]),
+        (["nope"], ["there is no study 'nope'", "the studies are: ato, maglev, metro"]),
         (["metr"], ["did you mean metro?"]),
         (["metro", "--set", "plant.mss=3"], ["there is no setting 'plant.mss'; did you mean plant.mass"]),
         (["metro", "--set", "plant.mass=-1"], ["plant.mass must lie in (0, ∞) kg, got -1"]),

@@ -9,8 +9,8 @@ import numpy as np
 
 from models.plant import Signal
 from models.quantity import InvalidValue, choice, count, declared, quantity, table
-from workbench import immune
-from workbench.controller import Task, Trial
+from workbench.contracts.law import Task, Trial
+from workbench.controllers.parts import immune
 
 INPUTS, OUTPUTS = 4, 2
 

@@ -8,8 +8,8 @@ import casadi as ca
 
 from models.plant import Signal
 from models.quantity import choice, declared, quantity
-from workbench import immune
-from workbench.controller import Task, Trial
+from workbench.contracts.law import Task, Trial
+from workbench.controllers.parts import immune
 
 
 class Memory(NamedTuple):

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 
 from models.quantity import choice, declared, quantity, switch
-from workbench.controller import Task, Trial, known
+from workbench.contracts.law import Task, Trial, known
 
 
 class Memory(NamedTuple):

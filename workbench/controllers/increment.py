@@ -7,9 +7,9 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 
 from models.quantity import declared, quantity
-from workbench import zero_phase
-from workbench.controller import Task, Trial, constant_row, known
-from workbench.ppd_estimator import Parameters
+from workbench.contracts.law import Task, Trial, constant_row, known
+from workbench.controllers.parts import zero_phase
+from workbench.controllers.parts.ppd_estimator import Parameters
 
 
 class Memory(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from models.quantity import declared, part, quantity
-from workbench.controller import Choosy, Learning, Stateful, Task, Trial
+from workbench.contracts.law import Choosy, Learning, Stateful, Task, Trial
 
 
 @declared

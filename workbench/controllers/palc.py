@@ -9,8 +9,8 @@ import casadi as ca
 from models.maglev import Maglev
 from models.plant import Signal, signals
 from models.quantity import declared, given, quantity
-from workbench.controller import Task, Trial
-from workbench.shuttle_force import base_force, errors, late_by
+from workbench.contracts.law import Task, Trial
+from workbench.controllers.parts.shuttle_force import base_force, errors, late_by
 
 
 class Memory(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, ClassVar, NamedTuple
 
 from models.quantity import declared, quantity
-from workbench.controller import Task, Trial, constant_row, known
+from workbench.contracts.law import Task, Trial, constant_row, known
 
 
 class Memory(NamedTuple):

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 
 from models.quantity import declared, quantity
-from workbench.controller import Task
+from workbench.contracts.law import Task
 
 
 class Memory(NamedTuple):

@@ -8,8 +8,8 @@ import casadi as ca
 
 from models.maglev import Maglev
 from models.quantity import declared, given, quantity
-from workbench.controller import Task, Trial
-from workbench.shuttle_force import base_force, errors
+from workbench.contracts.law import Task, Trial
+from workbench.controllers.parts.shuttle_force import base_force, errors
 
 
 class Memory(NamedTuple):

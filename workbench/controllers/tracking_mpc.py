@@ -10,7 +10,7 @@ import casadi as ca
 from models.actuator import Actuator
 from models.plant import Signal, signals
 from models.quantity import InvalidValue, count, declared, quantity
-from workbench.controller import Task, Trial
+from workbench.contracts.law import Task, Trial
 
 
 class Memory(NamedTuple):

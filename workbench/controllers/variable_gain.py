@@ -8,8 +8,8 @@ import casadi as ca
 
 from models.plant import Signal, signals
 from models.quantity import declared, quantity, switch
-from workbench import zero_phase
-from workbench.controller import Task, Trial, known
+from workbench.contracts.law import Task, Trial, known
+from workbench.controllers.parts import zero_phase
 
 
 class Memory(NamedTuple):

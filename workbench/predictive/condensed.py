@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.quantity import InvalidValue
-from workbench.array import Array, checked
-from workbench.linear_program import minimise
 from workbench.predictive.quadratic_program import FEASIBILITY_TOLERANCE, Infeasible, WarmQP
 from workbench.predictive.tube import Tube
 from workbench.sets import Polytope
+from workbench.sets.array import Array, checked
+from workbench.sets.linear_program import minimise
 
 IMMOVABLE = 1e-12
 """A row moves with the inputs if its coefficients exceed this; the others are checked and not handed to the solver."""

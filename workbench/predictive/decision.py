@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from workbench.array import Array
 from workbench.predictive.condensed import Plan
+from workbench.sets.array import Array
 
 
 class Decision(NamedTuple):

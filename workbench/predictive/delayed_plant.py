@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.quantity import InvalidValue
-from workbench.array import Array, checked
 from workbench.predictive.regulator import unstabilizable
 from workbench.sets import Zonotope, reachable
+from workbench.sets.array import Array, checked
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

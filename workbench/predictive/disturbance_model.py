@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.quantity import InvalidValue
-from workbench.array import Array, checked
 from workbench.predictive.delayed_plant import DelayedPlant
+from workbench.sets.array import Array, checked
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,8 +9,8 @@ import daqp
 import numpy as np
 
 from models.quantity import InvalidValue
-from workbench.array import Array
-from workbench.linear_program import minimise
+from workbench.sets.array import Array
+from workbench.sets.linear_program import minimise
 
 KKT_TOLERANCE = 1e-11
 """Largest residual of the optimality conditions that counts as solved, relative to the size of the gradient.

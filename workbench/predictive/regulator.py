@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
 from models.quantity import InvalidValue
-from workbench.array import Array, checked
 from workbench.sets import require_schur
+from workbench.sets.array import Array, checked
 
 EIGENVALUE_TOLERANCE = 1e-9
 """How far rounding may move an eigenvalue or a singular value, relative to the size of the matrix."""

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.quantity import InvalidValue
-from workbench.array import Array, checked
 from workbench.predictive.delayed_plant import DelayedPlant
 from workbench.predictive.regulator import decrease, lqr, symmetric_weight, terminal_weight
 from workbench.sets import TOLERANCE, Polytope, Zonotope, maximal_rpi, reachable, require_schur
+from workbench.sets.array import Array, checked
 
 DECREASE_TOLERANCE = 1e-8
 """How far (19) may miss, relative to the largest entry of P: rounding of a Lyapunov solver."""

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import solve_discrete_lyapunov
 
 from models.quantity import InvalidValue
-from workbench.array import Array, checked
+from workbench.sets.array import Array, checked
 from workbench.sets.polytope import Polytope, is_redundant
 from workbench.sets.zonotope import TOLERANCE, Zonotope
 

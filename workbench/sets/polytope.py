@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.quantity import InvalidValue
-from workbench.array import Array, checked
-from workbench.linear_program import LPAnswer, minimise
+from workbench.sets.array import Array, checked
+from workbench.sets.linear_program import LPAnswer, minimise
 from workbench.sets.zonotope import TOLERANCE, Zonotope
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.quantity import InvalidValue
-from workbench.array import Array, checked
-from workbench.linear_program import minimise
+from workbench.sets.array import Array, checked
+from workbench.sets.linear_program import minimise
 
 TOLERANCE = 1e-9
 """How far a comparison between sets may miss by rounding; rows are of unit length, so it is a distance.

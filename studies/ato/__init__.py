@@ -1,0 +1,1 @@
+"""Fuzzy immune PID whose weights a network tunes."""

@@ -1,0 +1,1 @@
+"""Periodic adaptive learning control of a maglev shuttle."""

@@ -1,0 +1,1 @@
+"""Model-free adaptive ILC of a metro train."""

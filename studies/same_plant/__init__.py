@@ -1,0 +1,1 @@
+"""Every law on one plant, tuned alike."""

@@ -1,0 +1,1 @@
+"""Tube predictive control of a braking train."""

@@ -1,0 +1,1 @@
+"""ILC with variable gain and initial-state learning."""

@@ -1,0 +1,321 @@
+"""What ``workbench verify`` writes, from a hand-made examination of a small study."""
+
+from __future__ import annotations
+
+import dataclasses
+import html.parser
+import json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from models.quantity import InvalidValue, declared, given, quantity
+from verification import Claim, Finding, Standing, verify
+from verification.decide.verify import judge
+from verification.report.write import exit_status, scores_json, shown, shown_value, tally, verdict_table, write
+
+EVIL = "<script>alert('a&b')</script>"
+FILES = {"run.nc", "scores.json", "verdicts.json", "verdicts.xml", "report.html", "figures"}
+
+
+@pytest.fixture
+def report(lag_report: Any) -> Any:
+    return lag_report
+
+
+@pytest.fixture
+def folder(lag_folder: Path) -> Path:
+    return lag_folder
+
+
+class Page(html.parser.HTMLParser):
+    """The elements, their attributes and the text of a page."""
+
+    VOID: ClassVar = {"meta", "img", "br", "wbr"}
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.words: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag, f"{tag} closes what it did not open"
+
+    def handle_data(self, data: str) -> None:
+        if "style" not in self.open:
+            self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join("".join(self.words).split())
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+@pytest.fixture
+def page(folder: Path) -> Page:
+    return Page((folder / "report.html").read_text(encoding="utf-8"))
+
+
+def test_everything_is_written(folder: Path) -> None:
+    assert {entry.name for entry in folder.iterdir()} == FILES
+    assert {"evidence_x.svg", "evidence_x.png", "mse.svg", "mse.png"} <= {
+        f.name for f in (folder / "figures").iterdir()
+    }
+
+
+def test_verdicts_json(folder: Path) -> None:
+    verdicts = json.loads((folder / "verdicts.json").read_text())
+    fields = ["claim", "controller", "statement", "source", "standing", "margin", "unit", "witness", "method"]
+    assert all(list(one) == fields for one in verdicts)
+    assert [one["standing"] for one in verdicts] == ["PROVED", "SUPPORTED", "REFUTED", "UNDECIDED", "UNDECIDED"]
+    assert verdicts[0]["controller"] is None and verdicts[0]["margin"] == 1.5e-6
+    assert verdicts[2]["witness"]["trial"] == 2 and len(verdicts[2]["witness"][EVIL]) == 2000
+    assert verdicts[2]["witness"]["bad"] is None
+    assert verdicts[4]["method"].startswith("the check failed: RuntimeError: no <script>")
+
+
+def test_scores_json_is_merged(folder: Path, report: Any) -> None:
+    content = json.loads((folder / "scores.json").read_text())
+    assert content["study"] == report.campaign.study.name
+    scores = content["scores"]
+    assert scores["icfdl"]["extra"] == 0.25 and scores["icfdl"]["worse"] is None and scores["other"] == {"extra": 1.0}
+    for controller, metrics in report.campaign.scores().items():
+        assert {name: scores[controller][name] for name in metrics} == metrics
+    assert scores_json(report) == content
+
+
+def test_junit(folder: Path, report: Any) -> None:
+    root = ET.fromstring((folder / "verdicts.xml").read_bytes())
+    assert root.tag == "testsuites"
+    [suite] = root
+    assert suite.tag == "testsuite" and suite.get("name") == report.campaign.study.name
+    for element in (root, suite):
+        assert (element.get("tests"), element.get("failures"), element.get("errors")) == ("5", "1", "2")
+    properties, *cases = suite
+    assert properties.tag == "properties"
+    assert [case.get("name") for case in cases] == [
+        "lag.A1", "lag.A2[icfdl]", f"lag.A2[{EVIL}]", "lag.A3[icfdl]", "lag.A4",
+    ]  # fmt: skip
+    assert {case.get("classname") for case in cases} == {report.campaign.study.name}
+    assert [[inner.tag for inner in case] for case in cases] == [
+        ["system-out"], ["system-out"], ["failure"], ["error"], ["error"],
+    ]  # fmt: skip
+    failure, error = cases[2][0], cases[3][0]
+    assert failure.get("type") == "REFUTED" and "lag.A2 holds" in failure.get("message")
+    assert "margin: -2" in failure.text and '"trial": 2' in failure.text
+    assert error.get("message") == "UNDECIDED: budget spent"
+    assert "\x00" not in cases[4][0].text and "no <script>" in cases[4][0].text
+
+
+def test_junit_has_only_what_build_servers_know(folder: Path) -> None:
+    known = {
+        "testsuites": {"name", "time", "tests", "failures", "errors"},
+        "testsuite": {"name", "time", "tests", "failures", "errors", "skipped"},
+        "properties": set(),
+        "property": {"name", "value"},
+        "testcase": {"name", "classname", "time"},
+        "failure": {"message", "type"},
+        "error": {"message", "type"},
+        "system-out": set(),
+    }
+    for element in ET.parse(folder / "verdicts.xml").iter():
+        assert set(element.attrib) == known[element.tag]
+
+
+def test_notebook_shows_the_verdicts_escaped(report: Any) -> None:
+    shown_page = Page(report._repr_html_())
+    assert not shown_page.open and not shown_page.all("script")
+    assert len(shown_page.all("tr")) == 6
+    assert "✗ REFUTED" in shown_page.text and "5 verdicts" in shown_page.text
+
+
+def test_report_saves_itself(report: Any, tmp_path: Path) -> None:
+    assert {entry.name for entry in report.save(tmp_path / "out").iterdir()} == FILES
+
+
+def test_page_has_the_verdicts(page: Page) -> None:
+    rows = [row.get("class") for row in page.all("tr") if row.get("class")]
+    assert rows == ["PROVED", "SUPPORTED", "REFUTED", "UNDECIDED", "UNDECIDED"]
+    for expected in (
+        "✓ PROVED", "✗ REFUTED", "1.5·10⁻⁶ m/N", "−2 <script>", "trial2", "box(x = [0, 1])", "budget spent",
+        "[0, 1, 2, …, 1999] (2000 values)", "5 claims <script>", "Do nothing.", "Equations of the plant",
+        "1 ✓ PROVED", "2 ? UNDECIDED", "learning-control-workbench", "could not be drawn: ValueError",
+    ):  # fmt: skip
+        assert expected in page.text, expected
+
+
+def test_page_has_settings_tables_scores_and_figures(page: Page, report: Any) -> None:
+    for expected in (
+        "plant.gain_1",
+        "controllers.icfdl.lam",
+        "(0, ∞)",
+        "gain <b>bold</b>",
+        "extra",
+        "mse_last",
+        "Table",
+    ):
+        assert expected in page.text, expected
+    images = page.all("img")
+    assert len(images) == 1 + len(report.campaign.figures())
+    for image in images:
+        assert image["alt"] and str(image["src"]).startswith("data:image/")
+        assert int(str(image["width"])) > 100 and int(str(image["height"])) > 100
+
+
+def test_page_is_accessible_and_closed(page: Page) -> None:
+    assert not page.open
+    assert page.all("html")[0]["lang"] == "en"
+    assert all(header.get("scope") in ("col", "row") for header in page.all("th"))
+    assert len(page.all("h1")) == 1 and len(page.all("title")) == 1
+    ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    assert len(set(ids)) == len(ids)
+    for link in page.all("a"):
+        assert str(link["href"]).removeprefix("#") in ids
+
+
+def test_page_fetches_and_runs_nothing(page: Page) -> None:
+    tags = {tag for tag, _ in page.elements}
+    assert not tags & {"script", "link", "iframe", "object", "embed", "form", "base", "b"}
+    for tag, attributes in page.elements:
+        assert not [name for name in attributes if name.startswith("on")], tag
+        for name in ("src", "href", "data", "srcset"):
+            assert str(attributes.get(name, "#")).startswith(("#", "data:image/"))
+    policy = [meta["content"] for meta in page.all("meta") if meta.get("http-equiv") == "Content-Security-Policy"]
+    assert policy == ["default-src 'none'; style-src 'unsafe-inline'; img-src data:"]
+
+
+def test_same_report_same_bytes(report: Any, folder: Path, tmp_path: Path) -> None:
+    again = write(report, tmp_path / "again")
+    for name in ("report.html", "verdicts.json", "verdicts.xml", "scores.json", "figures/mse.svg", "figures/mse.png"):
+        assert (again / name).read_bytes() == (folder / name).read_bytes(), name
+
+
+def test_all_or_nothing(report: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    target = tmp_path / "out"
+    write(report, target)
+    before = {file: file.read_bytes() for file in target.rglob("*") if file.is_file()}
+
+    def broken(*_: Any) -> str:
+        raise RuntimeError("planted")
+
+    monkeypatch.setattr("verification.report.write.html", broken)
+    changed = dataclasses.replace(report, verdicts=report.verdicts[:1])
+    with pytest.raises(RuntimeError, match="planted"):
+        write(changed, target)
+    assert {file: file.read_bytes() for file in target.rglob("*") if file.is_file()} == before
+    with pytest.raises(RuntimeError, match="planted"):
+        write(changed, tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_unwritable_folder_is_bad_input(report: Any, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InvalidValue, match="must be writable"):
+        write(report, tmp_path / "file" / "below")
+
+
+def test_study_without_a_plant_and_without_figures(report: Any, tmp_path: Path) -> None:
+    @declared
+    class Bare:
+        name: str = given(default="bare", doc="name")
+        number: float = quantity(default=1.0, unit="1", doc="a number")
+
+        title, source, seed = "", "", 0
+
+        def scores(self, data: Any) -> Any:
+            return {}
+
+        def figures(self, data: Any) -> Any:
+            return {}
+
+    campaign = dataclasses.replace(report.campaign, study=Bare())
+    bare = dataclasses.replace(report, campaign=campaign, verdicts=(), figures={}, tables=(), scores={})
+    page = Page((write(bare, tmp_path) / "report.html").read_text())
+    assert "No claim was examined." in page.text and "Equations" not in page.text and not page.all("img")
+
+
+def test_plant_that_cannot_be_typeset_keeps_its_verdicts(report: Any, tmp_path: Path) -> None:
+    class Opaque(type(report.campaign.study.plant)):
+        def output(self, x: Any) -> Any:
+            raise RuntimeError(EVIL)
+
+    study = dataclasses.replace(report.campaign.study, name="lag")
+    object.__setattr__(study, "plant", Opaque())
+    campaign = dataclasses.replace(report.campaign, study=study)
+    page = Page((write(dataclasses.replace(report, campaign=campaign), tmp_path) / "report.html").read_text())
+    assert "could not be typeset: RuntimeError: <script>" in page.text
+    assert len([row for row in page.all("tr") if row.get("class")]) == 5
+
+
+@pytest.mark.parametrize(
+    ("standings", "plain", "strict"),
+    [("", 0, 0), ("PS", 0, 0), ("PR", 0, 3), ("PU", 1, 1), ("RU", 1, 3)],
+)
+def test_exit_status(report: Any, standings: str, plain: int, strict: int) -> None:
+    named = {str(standing)[0]: standing for standing in Standing}
+    verdicts = [dataclasses.replace(report.verdicts[0], standing=named[letter]) for letter in standings]
+    one = dataclasses.replace(report, verdicts=verdicts)
+    assert (exit_status(one), exit_status(one, strict=True)) == (plain, strict)
+
+
+def test_terminal_table(report: Any) -> None:
+    assert verdict_table(report)[1] == ("lag.A1", "-", "PROVED", "1.5e-06 m/N")
+    assert tally(report) == "5 verdicts: 1 PROVED, 1 SUPPORTED, 1 REFUTED, 2 UNDECIDED"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        (0.0, "0"),
+        (-1.23456, "−1.235"),
+        (1.5e-7, "1.5·10⁻⁷"),
+        (-2e10, "−2·10¹⁰"),
+        (float("nan"), "not finite"),
+    ],
+)
+def test_numbers_as_shown(value: float | None, text: str) -> None:
+    assert shown(value) == text
+
+
+def test_values_as_shown() -> None:
+    assert shown_value(np.float64(0.5)) == "0.5" and shown_value(True) == "true" and shown_value(-3) == "−3"
+    assert shown_value(None) == "none" and shown_value([]) == "[]" and shown_value({"a": (1, "b")}) == "(a = [1, b])"
+
+
+@pytest.mark.parametrize(
+    ("value", "kept"),
+    [
+        (np.int64(3), 3),
+        (np.array([1.0, np.inf]), [1.0, None]),
+        ({1: (True, None)}, {"1": [True, None]}),
+        (ca.DM(0.5), 0.5),
+        (ca.DM([1, 2]), "[1, 2]"),
+        (1 + 2j, "(1+2j)"),
+        (Path("a"), "a"),
+    ],
+)
+def test_any_witness_is_kept(value: Any, kept: Any) -> None:
+    finding = Finding(standing=Standing.REFUTED, method="m", witness={"value": value})
+    found = judge(Claim(name="a", statement="s", source="s", check=lambda: finding)).as_json()
+    assert found["witness"] == {"value": kept}
+    json.dumps(found, allow_nan=False)
+
+
+def test_study_of_another_kind_without_claims(report: Any) -> None:
+    campaign = dataclasses.replace(report.campaign, data=report.campaign.data.drop_vars("mse"))
+    with pytest.raises(InvalidValue, match="there are no claims about"):
+        verify(campaign, show_progress=False)

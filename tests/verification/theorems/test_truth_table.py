@@ -1,0 +1,436 @@
+"""Every check on small plants: the standing that it must get is known by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from models.plant import Plant, signals
+from models.quantity import InvalidValue, declared, quantity
+from verification.checks import assumptions, convergence, increment
+from verification.checks.domain import domain
+from verification.decide.verify import judge, verify
+from verification.enclosure.box import Box
+from verification.theorems.learning import Dossier
+from workbench import TrialLength, TrialStudy, run
+from workbench.contracts.examination import Examination
+from workbench.contracts.verdict import Claim, Finding, Standing
+from workbench.controllers import ICFDL, PD, Increment
+from workbench.evidence import ppd, sweeps
+from workbench.evidence.trajectory import Lineariser, partial, rollout
+
+
+def small(name: str, equation: Any, states: int = 1, output: int = 0) -> Plant:
+    """Return a plant of dimensionless signals from x_next = equation(x, u, k), x a tuple of ``states`` numbers."""
+
+    def step(self: Any, x: Any, u: Any, w: Any, k: Any) -> Any:
+        return equation(tuple(x), u.u, k)
+
+    def measure(self: Any, x: Any) -> Any:
+        return (x[output],)
+
+    members = {
+        "__annotations__": {"sampling_time": float},
+        "__doc__": f"A small plant: {name}.",
+        "source": "made for tests",
+        "sampling_time": quantity(default=1.0, unit="s", doc="sampling time", above=0),
+        "states": signals(**{f"x{i}": "1" for i in range(states)}),
+        "inputs": signals(u="1"),
+        "outputs": signals(**{f"x{output}": "1"}),
+        "step": step,
+        "output": measure,
+    }
+    return declared(type(name, (Plant,), members))()
+
+
+STATIC = small("Static", lambda x, u, k: (2 * u,))
+SIGN_CHANGING = small("SignChanging", lambda x, u, k: ((u - 1) ** 2,))
+DEAD_ZONE = small("DeadZone", lambda x, u, k: (ca.fmax(u - 1, 0) + ca.fmin(u + 1, 0),))
+SATURATION = small("Saturation", lambda x, u, k: (ca.fmin(ca.fmax(u, -1), 1),))
+KINK = small("Kink", lambda x, u, k: (ca.fabs(u),))
+ROOT = small("Root", lambda x, u, k: (ca.sqrt(u),))
+STEP = small("Step", lambda x, u, k: (ca.floor(u) + 2 * u,))
+DELAYED = small("DelayedGain", lambda x, u, k: (u, x[0]), states=2, output=1)
+FIRST_ORDER = small("FirstOrder", lambda x, u, k: (0.9 * x[0] + 0.1 * u,))
+INTEGRATOR = small("Integrator", lambda x, u, k: (x[0] + 0.1 * u,))
+STATE_AND_TIME = small("StateAndTime", lambda x, u, k: (0.5 * x[0] + (1 + 0.5 * ca.sin(k) + 0.1 * x[0] ** 2) * u,))
+UNSTABLE = small("Unstable", lambda x, u, k: (x[0] + 0.1 * x[0] ** 3 + 0.1 * u,))
+GROWING = small("Growing", lambda x, u, k: (1.2 * x[0] + 0.1 * u,))
+NO_INPUT = small("NoInput", lambda x, u, k: (0.9 * x[0],))
+
+PROVED, SUPPORTED, REFUTED, UNDECIDED = Standing.PROVED, Standing.SUPPORTED, Standing.REFUTED, Standing.UNDECIDED
+N = 30
+RAMP = 0.2 + 0.8 * np.sin(np.linspace(0, 3, N + 1))
+
+
+def box(u: tuple[float, float] = (-2.0, 2.0), x: tuple[float, float] = (-1.0, 1.0), states: int = 1) -> Box:
+    low, high = np.full(states, x[0]), np.full(states, x[1])
+    return Box({"x": (low, high), "u": u, "w": (np.zeros(0), np.zeros(0)), "k": (0.0, float(N))})
+
+
+def campaign(plant, law=None, *, trials=12, lengths=None, reference=RAMP, **changes):
+    law = law or ICFDL(force_unit=1.0, lam=1.0, initial_input=0.3, phi0=0.5, mu=1.0)
+    return run(
+        TrialStudy(
+            name="small",
+            plant=plant,
+            reference=reference,
+            controllers={"law": law},
+            trials=trials,
+            trial_length=lengths or TrialLength(law="fixed"),
+            **changes,
+        ),
+        show_progress=False,
+    )
+
+
+def gather(plant, law=None, **changes):
+    ran = campaign(plant, law, **changes)
+    return ran, ppd.evidence(ran, "law")
+
+
+def holds(finding: Finding, standing: Standing) -> None:
+    assert finding.standing is standing, finding
+
+
+SLOPES = [
+    ("static gain", STATIC, box(), 1, PROVED, PROVED),
+    ("sign changes at u = 1", SIGN_CHANGING, box(), 1, PROVED, REFUTED),
+    ("sign changes, box on one side", SIGN_CHANGING, box(u=(1.5, 3.0)), 1, PROVED, PROVED),
+    ("dead zone", DEAD_ZONE, box(), 1, REFUTED, REFUTED),
+    ("dead zone, box outside", DEAD_ZONE, box(u=(1.5, 3.0)), 1, PROVED, PROVED),
+    ("saturation", SATURATION, box(), 1, REFUTED, REFUTED),
+    ("saturation, box inside", SATURATION, box(u=(-0.5, 0.5)), 1, PROVED, PROVED),
+    ("kink", KINK, box(), 1, REFUTED, REFUTED),
+    ("square root, pole of the slope", ROOT, box(u=(0.0, 2.0)), 1, REFUTED, PROVED),
+    ("square root, away from 0", ROOT, box(u=(0.5, 2.0)), 1, PROVED, PROVED),
+    ("jump", STEP, box(u=(0.5, 1.5)), 1, REFUTED, PROVED),
+    ("pure delay", DELAYED, box(states=2), 2, PROVED, PROVED),
+    ("first order", FIRST_ORDER, box(), 1, PROVED, PROVED),
+    ("integrator", INTEGRATOR, box(), 1, PROVED, PROVED),
+    ("gain by state and time", STATE_AND_TIME, box(), 1, PROVED, PROVED),
+    ("unstable", UNSTABLE, box(), 1, PROVED, PROVED),
+]
+
+
+@pytest.mark.parametrize(("name", "plant", "at", "degree", "a1", "a4"), SLOPES, ids=[row[0] for row in SLOPES])
+def test_slope_exists_and_is_positive(name, plant, at, degree, a1, a4):
+    assert plant.relative_degree() == degree
+    holds(assumptions.continuous_slope(plant, at, degree), a1)
+    finding = assumptions.sign_partial(plant, SimpleNamespace(degree=degree), at)
+    if name in ("square root, pole of the slope", "jump"):
+        assert finding.standing is not REFUTED  # the slope is positive wherever it exists
+    else:
+        holds(finding, a4)
+
+
+@pytest.mark.parametrize("name", ["dead zone", "saturation", "kink"])
+def test_witness_of_a_broken_slope_replays(name):
+    plant, at = next((row[1], row[2]) for row in SLOPES if row[0] == name)
+    witness = assumptions.continuous_slope(plant, at).witness
+    u, step = witness["point"]["u"][0], witness["step"]
+    f = plant.next_output_function()
+    left = float(f([0], u - step / 2, [], 0) - f([0], u - 1.5 * step, [], 0)) / step
+    right = float(f([0], u + 1.5 * step, [], 0) - f([0], u + step / 2, [], 0)) / step
+    assert left == pytest.approx(witness["slope_left"], abs=1e-5)
+    assert right == pytest.approx(witness["slope_right"], abs=1e-5)
+    assert abs(left - right) > 0.5
+
+
+RUNS = [
+    # plant, A2 printed, A2 lifted, A4 printed, Lemma 1
+    ("static gain", STATIC, PROVED, PROVED, PROVED, PROVED),
+    ("pure delay", DELAYED, PROVED, SUPPORTED, PROVED, PROVED),
+    ("first order", FIRST_ORDER, REFUTED, PROVED, REFUTED, REFUTED),
+    ("integrator", INTEGRATOR, REFUTED, PROVED, REFUTED, REFUTED),
+    ("unstable", UNSTABLE, REFUTED, PROVED, None, REFUTED),
+    ("gain by state and time", STATE_AND_TIME, REFUTED, PROVED, None, REFUTED),
+    ("sign changes", SIGN_CHANGING, PROVED, PROVED, None, PROVED),
+]
+
+
+@pytest.mark.parametrize(("name", "plant", "a2", "lifted", "a4", "lemma"), RUNS, ids=[row[0] for row in RUNS])
+def test_assumptions_along_trials(name, plant, a2, lifted, a4, lemma):
+    law = PD(kp=3.0, kd=3.0, initial_input=0.3) if a4 is REFUTED else None
+    if plant is UNSTABLE:
+        law = PD(kp=0.05, kd=0.05, initial_input=0.1)
+    ran, found = gather(plant, law)
+    at = domain(plant, found.trajectories)
+    printed = assumptions.lipschitz_printed(plant, found, at)
+    holds(printed, a2)
+    if a2 is REFUTED:
+        du, ratios = np.array(printed.witness["du"]), np.array(printed.witness["ratios"])
+        assert ratios[-1] > 1e3 * found.partial.max() and len(du) > 4
+        _replay_unbounded_ratio(ran, printed.witness)
+    repaired = assumptions.lipschitz_lifted(plant, found, at)
+    holds(repaired, lifted)
+    _row_sums_by_unit_inputs(plant, found, repaired)
+    if a4 is not None:
+        holds(assumptions.sign_printed(plant, found, at), a4)
+    holds(assumptions.data_model(plant, found, at), lemma)
+
+
+def _replay_unbounded_ratio(ran, witness):
+    """Run both input sequences of the witness with plain numbers and compare the ratios."""
+    plant, trial = ran.study.plant, witness["trial"]
+    plan = ran.data["input"].sel(controller="law", trial=trial).values[:-1]
+    f, g = plant.step_function(), plant.output_function()
+
+    def outputs(u):
+        x, ys = ca.DM.zeros(len(plant.states)), []
+        for k in range(N):
+            ys.append(float(g(x)))
+            x = f(x, u[k], [], k)
+        return np.array([*ys, float(g(x))])
+
+    d = plant.relative_degree()
+    for du, ratio in list(zip(witness["du"], witness["ratios"], strict=True))[:4]:
+        other = plan.copy()
+        other[witness["earlier_sample"]] += witness["kept"]
+        other[witness["sample"]] += du
+        change = outputs(other) - outputs(plan)
+        assert abs(change[witness["sample"] + d] / du) == pytest.approx(ratio, rel=1e-6)
+
+
+def _row_sums_by_unit_inputs(plant, found, repaired):
+    """Compare p along the last trial with a G made column by column from finite differences."""
+    plan, x0, d = found.trajectories.u[-1], found.trajectories.x[-1, :, 0], found.degree
+    base = rollout(plant, x0, plan)[1]
+    columns = []
+    for j in range(N - d + 1):
+        moved = plan.copy()
+        moved[j] += 1e-6
+        columns.append((rollout(plant, x0, moved)[1] - base)[d:] / 1e-6)
+    assert repaired.witness["row_sum"] == pytest.approx(np.abs(np.array(columns)).sum(axis=0).max(), rel=1e-4)
+    assert repaired.margin >= repaired.witness["row_sum"] * (1 - 1e-12)
+
+
+def test_no_input_is_refused_with_a_reason():
+    assert NO_INPUT.relative_degree() is None
+    with pytest.raises(InvalidValue, match="no output of noinput depends on its first input"):
+        gather(NO_INPUT)
+
+
+def test_partial_matches_finite_differences_and_a_wrong_sign_would_not(monkeypatch):
+    def agrees() -> bool:
+        worst = 0.0
+        for plant in (STATE_AND_TIME, DELAYED, UNSTABLE):
+            u = 0.2 + 0.1 * np.cos(np.arange(N))
+            x, y = rollout(plant, np.zeros(len(plant.states)), u)
+            d = plant.relative_degree()
+            exact = partial(Lineariser(plant, N).at(x, u), d)
+            for k in (0, 7, N - d):
+                moved = u.copy()
+                moved[k] += 1e-6
+                slope = (rollout(plant, x[:, 0], moved)[1][k + d] - y[k + d]) / 1e-6
+                worst = max(worst, abs(exact[k] - slope) / abs(slope))
+        return worst < 1e-4
+
+    assert agrees()
+    true = Lineariser.at
+    monkeypatch.setattr(Lineariser, "at", lambda self, x, u: true(self, x, u)._replace(b=-true(self, x, u).b))
+    assert not agrees()
+
+
+def test_only_reached_samples_count_and_a_shifted_mask_would_show():
+    ran, found = gather(FIRST_ORDER, trials=10, lengths=TrialLength(law="uniform", minimum=20))
+    ends = ran.data["trial_length"].values
+
+    def counts(evidence):
+        return np.isfinite(evidence.ds[1:]).sum(axis=1)
+
+    assert len(set(ends)) > 2
+    np.testing.assert_array_equal(counts(found), np.minimum(ends[1:], ends[:-1]))
+    shifted = ran.data.copy(deep=True)
+    for trial, end in enumerate(ends):
+        if end < N:
+            shifted["output"][0, trial, end + 1] = 0.0
+    slipped = ppd.evidence(dataclasses.replace(ran, data=shifted), "law")
+    assert (counts(slipped) != np.minimum(ends[1:], ends[:-1])).any()
+
+
+def test_decomposition_adds_up():
+    _, found = gather(UNSTABLE)
+    whole = found.partial_midway * found.du + found.carried + found.remainder
+    np.testing.assert_allclose(whole[1:], found.ds[1:], atol=1e-15)
+    _, linear = gather(FIRST_ORDER)
+    assert np.nanmax(np.abs(linear.remainder)) < 1e-14
+    _, memoryless = gather(STATIC)
+    assert np.nanmax(np.abs(memoryless.carried)) < 1e-14
+    usable = np.isfinite(memoryless.ratio) & (np.abs(memoryless.du) > 1e-9)
+    np.testing.assert_allclose(memoryless.ratio[usable], 2.0, rtol=1e-6)
+
+
+def lengths_of(study, drawn):
+    return assumptions.trial_lengths(study, drawn)
+
+
+def test_trial_lengths():
+    law = TrialLength(law="uniform", minimum=20)
+    study = SimpleNamespace(horizon=30, trial_length=law)
+    drawn = law.draw(30, 400, np.random.default_rng(1))
+    holds(lengths_of(study, drawn), SUPPORTED)
+    holds(lengths_of(study, np.append(drawn, 20)), REFUTED)  # 20 has probability 0
+    holds(lengths_of(study, np.full(400, 25)), REFUTED)  # a sampler that is not uniform
+    wrong = SimpleNamespace(
+        distribution=law.distribution, reach_probability=lambda n: np.roll(law.reach_probability(n), 1)
+    )
+    holds(lengths_of(SimpleNamespace(horizon=30, trial_length=wrong), drawn), REFUTED)
+    loose = SimpleNamespace(distribution=lambda n: (np.array([29, 30]), np.array([0.5, 0.4])))
+    holds(lengths_of(SimpleNamespace(horizon=30, trial_length=loose), drawn), REFUTED)
+
+
+GAINS = [
+    # lam, lambda_min.partial, lambda_min.realised, theorem 1, asymptotic, monotone; rho 1 and gain 2: lambda_min 1
+    (2.0, PROVED, SUPPORTED, SUPPORTED, SUPPORTED, SUPPORTED),
+    (0.5, REFUTED, REFUTED, SUPPORTED, SUPPORTED, SUPPORTED),
+    (0.1, REFUTED, REFUTED, REFUTED, REFUTED, REFUTED),
+]
+
+
+@pytest.mark.parametrize(("lam", "part", "realised", "theorem", "vanishes", "falls"), GAINS)
+def test_gain_conditions_on_a_static_gain(lam, part, realised, theorem, vanishes, falls):
+    # eta this small keeps phi at sqrt(lam), where the gain rho/(2 sqrt(lam)) is largest
+    law = ICFDL(force_unit=1.0, rho=1.0, lam=lam, eta=1e-12, initial_input=0.3, eps=1e-14)
+    ran, found = gather(STATIC, law, trials=6)
+    at = domain(STATIC, found.trajectories)
+    holds(convergence.lambda_partial(STATIC, found, at), part)
+    holds(convergence.lambda_realised(found), realised)
+    holds(convergence.theorem_printed(found, ran.data["mse"].values[0]), theorem)
+    d = Dossier(ran, "law")
+    holds(convergence.asymptotic(d.error_map, d.reach), vanishes)
+    holds(convergence.monotone(d.error_map), falls)
+    expected = 1 - 2 / (2 * np.sqrt(lam))
+    np.testing.assert_allclose(d.error_map.diagonal, expected, rtol=1e-9)
+    assert d.error_map.singular.value == pytest.approx(abs(expected), rel=1e-6)
+    np.testing.assert_allclose(d.predicted_mse, d.mse, rtol=1e-6)
+    holds(convergence.peak(d.mse, d.predicted_mse), SUPPORTED)
+    holds(convergence.peak(d.mse, d.predicted_mse * 5), REFUTED)
+
+
+def test_error_map_is_the_map_between_trials():
+    """I - G L against the errors of consecutive trials of a linear plant under a law that is linear too."""
+    ran, _ = gather(FIRST_ORDER, PD(kp=0.5, kd=0.2, initial_input=0.3), trials=5, reference=RAMP - RAMP[0])
+    d = Dossier(ran, "law")
+    e = ran.data["error"].values[0][:, 1:]
+    for i in range(4):
+        np.testing.assert_allclose(e[i] - d.error_map.lifted.apply(d.error_map.gain @ e[i]), e[i + 1], atol=1e-12)
+    dense = np.array([d.error_map.lifted.apply(d.error_map.gain @ column) for column in np.eye(N)]).T
+    largest = np.linalg.svd(np.eye(N) - dense)[1][0]
+    assert d.error_map.singular.value == pytest.approx(largest, rel=1e-8)
+    assert d.error_map.singular.residual < 1e-6 and d.error_map.singular.upper >= largest
+
+
+def test_a_law_that_acts_within_the_trial_has_no_such_map():
+    assert convergence.monotone("the law also acts within the trial").standing is UNDECIDED
+    assert convergence.asymptotic("the law does not learn", np.ones(N)).standing is UNDECIDED
+
+
+def test_estimator():
+    _, found = gather(FIRST_ORDER)
+    holds(convergence.estimator_bounded(found), SUPPORTED)
+    turned = found.estimate.copy()
+    turned[3, 4] *= -1
+    holds(convergence.estimator_bounded(dataclasses.replace(found, estimate=turned)), REFUTED)
+
+
+def increments(rho: float = 0.5, lam: float = 1.0) -> Increment:
+    return Increment(force_unit=1.0, rho=rho, lam=lam, initial_input=0.3, mu=1.0)
+
+
+THEOREM = [
+    # plant, law, increment_monotone, increment_weighted
+    ("integrator: no row sum at all", INTEGRATOR, increments(), PROVED, PROVED),
+    ("integrator, gain too large", INTEGRATOR, increments(rho=1.0, lam=1e-4), UNDECIDED, UNDECIDED),
+    ("first order: r < b", FIRST_ORDER, increments(), PROVED, PROVED),
+    ("static gain: every increment undoes the last", STATIC, increments(), UNDECIDED, PROVED),
+    ("unstable: r > b", UNSTABLE, increments(), None, PROVED),
+]
+
+
+@pytest.mark.parametrize(("name", "plant", "law", "sup", "weighted"), THEOREM, ids=[row[0] for row in THEOREM])
+def test_increment_theorem(name, plant, law, sup, weighted):
+    _, found = gather(plant, law, trials=8)
+    at = domain(plant, found.trajectories)
+    plain = increment.monotone(plant, found, at)
+    if sup is not None:
+        holds(plain, sup)
+    assert plain.standing is not SUPPORTED
+    heavy = increment.weighted(plant, found, at)
+    holds(heavy, weighted)
+    if heavy.standing is PROVED:
+        assert heavy.witness["a"] <= heavy.witness["largest_a"] <= 1
+
+
+def test_increment_theorem_is_refuted_where_rows_outweigh_the_diagonal():
+    _, found = gather(GROWING, increments(), trials=3)
+    finding = increment.monotone(GROWING, found, domain(GROWING, found.trajectories))
+    holds(finding, REFUTED)
+    assert finding.witness["row_sum"] > finding.witness["b"]
+
+
+def test_input_error_contracts_as_the_theorem_says():
+    """The proved factor against the input errors of a linear plant whose wanted input is known."""
+    _, found = gather(FIRST_ORDER, increments(), trials=8)
+    witness = increment.monotone(FIRST_ORDER, found, domain(FIRST_ORDER, found.trajectories)).witness
+    wanted = (RAMP[1:] - 0.9 * RAMP[:-1]) / 0.1
+    wanted[0] = (RAMP[1] - RAMP[0]) / 0.1  # increments are learned, so the first error stays
+    y = np.concatenate([[0.0], RAMP[1:] - RAMP[0]])
+    wanted = (y[1:] - 0.9 * y[:-1]) / 0.1
+    largest = np.abs(wanted - found.trajectories.u).max(axis=1)
+    assert (largest[1:] <= largest[:-1] * (1 + 1e-12)).all()
+    assert (largest[1:] / largest[:-1]).max() <= 1 - (1 - witness["factor_at_phi0"]) * 0.2
+
+
+def test_sweep_finds_the_boundary():
+    law = ICFDL(force_unit=1.0, rho=1.0, lam=1.0, eta=1e-12, initial_input=0.3, eps=1e-14)
+    ran = campaign(STATIC, law, trials=40)
+    found = sweeps.sweep(ran, "law", "lam", np.logspace(-3, 1, 41))
+    predicted = (1.0 * 2.0) ** 2 / 16  # factor -1 at lam = (rho b)^2/16
+    assert sweeps.boundary(found) == pytest.approx(predicted, rel=0.3)
+    assert sweeps.boundary(found) > predicted
+
+
+def test_a_check_that_crashes_is_undecided():
+    def crash() -> Finding:
+        raise ZeroDivisionError("division by zero")
+
+    verdict = judge(Claim(name="small.crash", statement="", source="", check=crash))
+    assert verdict.standing is UNDECIDED and "ZeroDivisionError" in verdict.method
+    with pytest.raises(ValueError, match="refuted with a witness"):
+        Finding(standing=REFUTED, method="")
+
+
+def test_what_goes_round_the_verdicts_may_fail_without_losing_them():
+    def crash(*_: Any) -> Any:
+        raise ZeroDivisionError("division by zero")
+
+    claims = [Claim(name="small.holds", statement="", source="", check=lambda: Finding(standing=PROVED, method=""))]
+    broken = Examination(claims=claims, conclude=crash, figures=crash, tables=crash, scores=crash)
+    report = verify(campaign(STATIC, trials=2), broken, show_progress=False)
+    assert [verdict.standing for verdict in report.verdicts] == [PROVED]
+    assert len(report.conclusion) == 4 and all("ZeroDivisionError" in line for line in report.conclusion)
+    assert not report.figures and not report.tables and not report.scores
+
+
+def test_claims_of_ones_own_can_be_given():
+    claims = [Claim(name="small.own", statement="", source="", check=lambda: Finding(standing=SUPPORTED, method=""))]
+    report = verify(campaign(STATIC, trials=2), claims, show_progress=False)
+    assert [(verdict.claim, verdict.standing) for verdict in report.verdicts] == [("small.own", SUPPORTED)]
+
+
+def test_a_law_that_filters_its_plan_is_left_undecided_with_the_reason():
+    law = Increment(force_unit=1.0, lam=1.0, initial_input=0.3, q_cutoff_hz=0.1)
+    d = Dossier(campaign(FIRST_ORDER, law, trials=3, reference=np.sin(np.linspace(0, 3, 61))), "law")
+    assert isinstance(d.error_map, str) and "filters its whole plan" in d.error_map
+    for finding in (convergence.monotone(d.error_map), convergence.asymptotic(d.error_map, d.reach)):
+        assert finding.standing is UNDECIDED and "filters" in finding.method
+    holds(convergence.peak(d.mse, d.predicted_mse), UNDECIDED)
+    for check in (increment.monotone, increment.weighted):
+        finding = check(FIRST_ORDER, d.evidence, d.box)
+        assert finding.standing is UNDECIDED and "without its filter" in finding.method

@@ -1,0 +1,146 @@
+"""PID, tracking MPC and laws on odometry against plain loops and another solver."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from models.actuator import Actuator
+from models.point_mass import PointMass
+from models.quantity import InvalidValue
+from models.reference import MetroProfile
+from models.transfer import Transfer
+from workbench.contracts.law import Task
+from workbench.controllers.odometry import Odometry
+from workbench.controllers.palc import PALC
+from workbench.controllers.pid import PID
+from workbench.controllers.tracking_mpc import Acting, TrackingMPC
+from workbench.controllers.variable_gain import VariableGain
+from workbench.design.candidates import candidates
+from workbench.trials.campaign import run
+from workbench.trials.study import TrialStudy
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize(("horizon", "blocks"), [(12, 1), (12, 4), (6, 6)])
+def test_plans_are_those_of_another_solver(seed, horizon, blocks):
+    rng = np.random.default_rng(seed)
+    law = TrackingMPC(a=0.95, b=0.3, weight=0.05, smoothing=0.4, horizon=horizon, blocks=blocks, sweeps=500,
+                      lower=-1.0, upper=1.5)  # fmt: skip
+    ahead, y, before = rng.normal(size=horizon) * 3, rng.normal(), rng.normal(size=3)
+    state = Acting(before[0], before[1], before[2], ca.DM.zeros(blocks), 0)
+    memory = law.start(Task(ca.DM.ones(1, 4), 0.1))._replace(ahead=ca.DM(ahead), sampling_time=0.1)
+    u, after = law.act(memory, state, ca.DM(0), ca.DM(0), ca.DM(y))
+    d = before[2] + 0.4 * (y - 0.95 * before[1] - 0.3 * before[0] - before[2])
+
+    def outputs(plan):
+        at, seen = y, []
+        for j in range(horizon):
+            at = 0.95 * at + 0.3 * plan[j * blocks // horizon] + d
+            seen.append(at)
+        return np.array(seen)
+
+    free = outputs(np.zeros(blocks))
+    gains = np.stack([outputs(one) - free for one in np.eye(blocks)], axis=1)
+    change = np.eye(blocks) - np.eye(blocks, k=-1)
+    A = np.vstack([gains, np.sqrt(0.05) * change])
+    b = np.concatenate([ahead - free, np.sqrt(0.05) * before[0] * np.eye(blocks)[0]])
+    best = lsq_linear(A, b, bounds=(-1.0, 1.5), tol=1e-14).x
+    np.testing.assert_allclose(np.asarray(after.plan).ravel(), best, atol=1e-5)
+    assert float(u) == pytest.approx(best[0], abs=1e-5) and float(after.residual) < 1e-6
+
+
+def test_references_ahead_are_held_at_the_end():
+    law = TrackingMPC(horizon=3, blocks=1)
+    ahead = law.start(Task(ca.DM([[1, 2, 3, 4, 5]]), 0.1)).ahead.full()
+    np.testing.assert_array_equal(ahead, [[2, 3, 4, 5], [3, 4, 5, 5], [4, 5, 5, 5]])
+
+
+def test_mpc_tracks_without_offset_and_keeps_its_limits():
+    plant = Transfer(numerator=(0.5,), gain=1.3)
+    law = TrackingMPC(a=np.exp(-0.2), b=0.5 * (1 - np.exp(-0.2)), weight=1e-3, lower=-1.0, upper=2.0, rate=4.0)
+    data = run(
+        TrialStudy(plant=plant, reference=np.full(80, 0.9), controllers={"mpc": law}, trials=1), show_progress=False
+    ).data
+    u = data["input"].values[0, 0, :-1]
+    assert abs(float(data["error"][0, 0, -1])) < 1e-3
+    assert u.max() <= 2.0 + 1e-12 and np.abs(np.diff(u, prepend=0)).max() <= 4.0 * 0.2 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"horizon": 3, "blocks": 4}, "blocks must not exceed"),
+        ({"lower": 1.0, "upper": 0.0}, "lower must lie below"),
+        ({"weight": 0.0}, "weight must lie in"),
+    ],
+)
+def test_bad_mpcs_are_refused(fields, message):
+    with pytest.raises(InvalidValue, match=message):
+        TrackingMPC(**fields)
+
+
+def test_mpc_takes_the_limits_of_an_actuator():
+    law = TrackingMPC().behind(Actuator(lower=-2.0, upper=3.0, rate=5.0))
+    assert (law.lower, law.upper, law.rate) == (-2.0, 3.0, 5.0)
+
+
+def train_loop(plant_mass, reference, trials, force):
+    """Run the train on a flat line, trial by trial; force(i, k, x, v, x_r, v_r, v_next) in N, m and m/s."""
+    ts, n = 0.1, len(reference) - 1
+    for i in range(trials):
+        v = x = x_r = 0.0
+        speeds = [0.0]
+        for k in range(n):
+            u = force(i, k, x, v / 3.6, x_r, reference[k] / 3.6, reference[k + 1] / 3.6)
+            swing = np.sin(0.0037 * k)
+            fb = 2977 + 275 * swing + (25.17 + 2.5 * swing) * v + (0.2864 + 0.04 * swing) * v * v
+            x, x_r = x + ts * v / 3.6, x_r + ts * reference[k] / 3.6
+            v = v + 3.6 * ts / plant_mass * (u - fb)
+            speeds.append(v)
+        yield speeds
+
+
+def trained(law, trials=4):
+    study = TrialStudy(
+        plant=PointMass(line="flat"), reference=MetroProfile(horizon=150), controllers={"law": law}, trials=trials
+    )
+    data = run(study, show_progress=False).data
+    return data["reference"].values, data["output"].values[0]
+
+
+def test_palc_on_odometry_is_a_plain_loop():
+    law = candidates(PointMass(line="flat"), [[72.0]], ["palc"])["palc"].law
+    reference, found = trained(law)
+    learned = {}
+
+    def force(i, k, x, v, x_r, v_r, v_next):
+        e_x, e_v = x - x_r, v - v_r
+        d_hat = 0.0 if i == 0 else learned[i - 1, k] - 0.2 * 350e3 * (e_v + 0.22 * e_x)
+        learned[i, k] = d_hat
+        resistance = 2977 + 25.17 * 3.6 * v + 0.2864 * (3.6 * v) ** 2
+        return 350e3 * ((v_next - v_r) / 0.1 - (0.4 + 0.22) * e_v - 0.4 * 0.22 * e_x) + resistance + d_hat
+
+    for i, speeds in enumerate(train_loop(350e3, reference, 4, force)):
+        np.testing.assert_allclose(found[i], speeds, rtol=1e-9, atol=1e-9)
+
+
+def test_variable_gain_on_odometry_is_a_plain_loop():
+    law = Odometry(law=VariableGain(initial_learning=False), speed_unit=3.6, input_unit=350e3)
+    reference, found = trained(law)
+    plans = [np.diff(reference / 3.6) / 0.1]
+    for i, speeds in enumerate(train_loop(350e3, reference, 4, lambda i, k, *_: 350e3 * plans[i][k])):
+        np.testing.assert_allclose(found[i], speeds, rtol=1e-9, atol=1e-9)
+        e = (reference - np.array(speeds)) / 3.6
+        gain = 0.3 + 0.7 / (1 + np.exp(-5 * (np.abs(e) / np.abs(e).mean() - 1)))
+        plans.append(plans[i] + gain[:-1] * np.diff(e) / 0.1)
+
+
+def test_odometry_refuses_what_it_cannot_serve():
+    study = TrialStudy(plant=Transfer(), reference=np.ones(9), controllers={"pid": PID()}, trials=1)
+    assert "needs a plant that measures a speed" in Odometry(law=PALC()).refusal(study)
+    train = TrialStudy(plant=PointMass(), reference=MetroProfile(), controllers={"pid": PID()}, trials=1)
+    assert "needs a model" in Odometry(law=PALC(model=None)).refusal(train)
+    assert Odometry(law=PALC()).refusal(train) is None

@@ -1,0 +1,1 @@
+"""Methods that look at one claim, one idea a file."""

@@ -1,0 +1,173 @@
+"""What must hold of a predictive law in closed loop, by simulation: decrease, suboptimality, recursive feasibility."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from verification.checks.feasibility import VIOLATION_TOLERANCE, campaign
+from workbench.contracts.verdict import Finding, Standing, undecided
+from workbench.controllers.rmpc import RMPC
+from workbench.controllers.rsmpc import RSMPC
+from workbench.predictive.condensed import CondensedQP, Plan
+from workbench.predictive.decision import start
+from workbench.predictive.delayed_plant import DelayedPlant
+from workbench.sets import Polytope
+from workbench.sets.array import Array
+
+SLACK = 1e-7
+"""What rounding may add to a cost, relative to the cost at the start."""
+
+
+def deciding(law: RMPC | RSMPC) -> CondensedQP:
+    """Return the problem that a law must be able to solve whenever it decides."""
+    return law.problem if isinstance(law, RMPC) else law.problem(1)
+
+
+def starts(law: RMPC | RSMPC, number: int, *, seed: int) -> Iterator[Array]:
+    """Yield errors inside the feasible set, from near its centre to its edge."""
+    random, problem = np.random.default_rng(seed), deciding(law)
+    center = problem.inside()
+    for index in range(number):
+        direction = random.normal(size=center.size)
+        reach = problem.edge(center, direction).distance
+        yield center + (0.999, 0.7, 0.4, 0.1)[index % 4] * reach * direction
+
+
+def _best(law: RMPC | RSMPC, e: Array) -> Any:
+    return law.plan(e) if isinstance(law, RMPC) else law.plan(e, 1)
+
+
+def nominal_decrease(law: RMPC, *, runs: int = 12, steps: int = 25, seed: int = 0) -> Finding:
+    """Without disturbance J falls by at least the stage cost at each sample; (18)."""
+    tube = law.tube
+    worst, witness, looked = np.inf, {}, 0
+    for e in starts(law, runs, seed=seed):
+        before = law.plan(e)
+        for _ in range(steps):
+            if not isinstance(before, Plan):
+                return undecided(f"no plan at e = {e.tolist()}: {before.reason}")
+            after_e = tube.plant.A @ e + tube.plant.b * before.du[0]
+            after = law.plan(after_e)
+            if not isinstance(after, Plan):
+                return undecided(f"no plan at e = {after_e.tolist()}: {after.reason}")
+            stage = float(e @ tube.Q @ e + tube.R * before.du[0] ** 2)
+            slack = (before.J - stage - after.J) / max(1.0, before.J)
+            looked += 1
+            if slack < worst:
+                worst, witness = slack, {"e": e, "J": before.J, "stage cost": stage, "J next": after.J}
+            e, before = after_e, after
+    return Finding(
+        standing=Standing.SUPPORTED if worst >= -SLACK else Standing.REFUTED,
+        margin=worst,
+        unit="of J",
+        witness=witness,
+        method=f"{looked} samples of {runs} undisturbed runs from the edge of the feasible set inward",
+    )
+
+
+def disturbed_decrease(law: RMPC) -> Finding:
+    """The same as printed, with the disturbance of the model acting: from rest any disturbance refutes it."""
+    tube = law.tube
+    e = np.zeros(tube.plant.order)
+    w = tube.plant.W.extreme(np.linalg.eigh(tube.P)[1][:, -1] @ tube.plant.A_delay)
+    before = law.plan(e)
+    if not isinstance(before, Plan):
+        return undecided(before.reason)
+    after_e = tube.plant.A @ e + tube.plant.b * before.du[0] + tube.plant.A_delay @ w
+    after = law.plan(after_e)
+    if not isinstance(after, Plan):
+        return undecided(after.reason)
+    stage = float(e @ tube.Q @ e + tube.R * before.du[0] ** 2)
+    slack = before.J - stage - after.J
+    return Finding(
+        standing=Standing.SUPPORTED if slack >= -SLACK else Standing.REFUTED,
+        margin=slack,
+        unit="1",
+        witness={"e": e, "w": w, "J": before.J, "stage cost": stage, "J next": after.J},
+        method="one sample from rest under a disturbance at a vertex of W",
+    )
+
+
+def suboptimality(law: RSMPC, *, runs: int = 8, steps: int = 500, seed: int = 0) -> Finding:
+    """Without disturbance the cost of the whole run stays below beta times J^1 at its start; (32)."""
+    tube, worst, witness = law.tube, np.inf, {}
+    for first in starts(law, runs, seed=seed):
+        e, memory, spent = first, start(), 0.0
+        best = law.plan(e, 1)
+        if not isinstance(best, Plan):
+            return undecided(f"no plan at e = {e.tolist()}: {best.reason}")
+        for k in range(steps):
+            decision, memory = law.act(memory, e)
+            if decision.infeasible:
+                return undecided(f"no plan at sample {k} from e = {first.tolist()}: {decision.infeasible}")
+            spent += float(e @ tube.Q @ e + tube.R * decision.du**2)
+            e = tube.plant.A @ e + tube.plant.b * decision.du
+        slack = (law.beta * best.J - spent) / max(1.0, best.J)
+        if slack < worst:
+            worst, witness = slack, {"e": first, "beta J": law.beta * best.J, "spent": spent, "e at the end": e}
+    return Finding(
+        standing=Standing.SUPPORTED if worst >= -SLACK else Standing.REFUTED,
+        margin=worst,
+        unit="of J",
+        witness=witness,
+        method=f"{runs} undisturbed runs of {steps} samples, the cost after them left out",
+    )
+
+
+def disturbed_suboptimality(law: RSMPC, *, steps: int = 100) -> Finding:
+    """The same as printed, with the disturbance of the model acting: from rest, where J is 0, it cannot hold."""
+    tube = law.tube
+    w = tube.plant.W.extreme(np.linalg.eigh(tube.P)[1][:, -1] @ tube.plant.A_delay)
+    e, memory, spent = np.zeros(tube.plant.order), start(), 0.0
+    best = law.plan(e, 1)
+    if not isinstance(best, Plan):
+        return undecided(best.reason)
+    for _ in range(steps):
+        decision, memory = law.act(memory, e)
+        spent += float(e @ tube.Q @ e + tube.R * decision.du**2)
+        e = tube.plant.A @ e + tube.plant.b * decision.du + tube.plant.A_delay @ w
+    slack = law.beta * best.J - spent
+    return Finding(
+        standing=Standing.SUPPORTED if slack >= -SLACK else Standing.REFUTED,
+        margin=slack,
+        unit="1",
+        witness={"e": np.zeros(tube.plant.order), "w at each sample": w, "beta J": law.beta * best.J, "spent": spent},
+        method=f"{steps} samples from rest under a constant disturbance at a vertex of W; it grows without end",
+    )
+
+
+def recursive_feasibility(
+    law: RMPC | RSMPC, plant: DelayedPlant, bounds: Polytope, *, runs: int = 200, seed: int = 0
+) -> Finding:
+    """No run from the edge of the feasible set is ever without a plan or breaks a bound, whatever W does.
+
+    ``plant`` and ``bounds`` are the true ones, which the law's tube may have been designed against or not.
+    """
+    found = campaign(law, deciding(law), plant, bounds, runs=runs, seed=seed)
+    method = (
+        f"{found.runs} runs of 60 samples from the edge of the feasible set, uniform, vertex and aimed disturbances: "
+        f"{found.infeasible} infeasible, {found.violated} beyond a bound of the plant"
+    )
+    if found.witness is None:
+        margin = VIOLATION_TOLERANCE - found.worst_violation
+        return Finding(standing=Standing.SUPPORTED, margin=margin, unit="units of the bound", method=method)
+    w = found.witness
+    return Finding(
+        standing=Standing.REFUTED,
+        margin=-max(found.infeasible, found.violated) / found.runs,
+        unit="of the runs",
+        witness={
+            "run": w.number,
+            "kind": w.kind,
+            "infeasible at sample": w.infeasible_at,
+            "reason": w.reason,
+            "beyond a bound by": w.violation,
+            "e": w.e,
+            "w": w.w,
+            "replay": "verification.checks.feasibility.simulate(law, plant, bounds, e, disturb=w)",
+        },
+        method=method,
+    )

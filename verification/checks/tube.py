@@ -1,0 +1,204 @@
+"""What must hold of a tube's design, checked on any :class:`workbench.predictive.Tube`, each check a finding."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from verification.enclosure.exact_schur import closed_loop, proved_schur
+from workbench.contracts.verdict import Finding, Standing, undecided
+from workbench.predictive import Tube
+from workbench.predictive.regulator import decrease, lmi
+from workbench.sets import TOLERANCE, minimal_rpi, spectral_radius
+from workbench.sets.array import Array
+from workbench.sets.linear_program import minimise
+
+ROUNDING = 1e-9
+"""Residual of a matrix equation that counts as rounding, relative to the largest entry of P."""
+
+FAR = 1e3
+"""Where a set without end in some direction is looked at."""
+
+FLOAT = "floating point; nothing here rounds outward"
+
+
+def schur(tube: Tube) -> Finding:
+    """A + b K is Schur: its spectral radius is below 1."""
+    values = np.linalg.eigvals(tube.A_cl)
+    radius = spectral_radius(tube.A_cl)
+    witness = {"eigenvalues": [str(np.round(value, 9)) for value in values], "spectral radius": radius}
+    if radius >= 1:
+        method = "eigenvalues in floating point"
+        return Finding(standing=Standing.REFUTED, margin=1 - radius, unit="1", witness=witness, method=method)
+    if proved_schur(closed_loop(tube.plant.A, tube.plant.b, tube.K)):
+        return Finding(
+            standing=Standing.PROVED,
+            margin=1 - radius,
+            unit="1",
+            witness=witness,
+            method="P > 0 and P - A_cl'P A_cl > 0 in exact rational arithmetic, with A, b and K as stored",
+        )
+    method = "eigenvalues in floating point; no exact proof was found"
+    return Finding(standing=Standing.SUPPORTED, margin=1 - radius, unit="1", witness=witness, method=method)
+
+
+def hurwitz_as_printed(tube: Tube) -> Finding:
+    """A + b K is Hurwitz, as printed: every eigenvalue has a negative real part."""
+    values = np.linalg.eigvals(tube.A_cl)
+    worst = values[int(np.argmax(values.real))]
+    witness = {"eigenvalue": str(worst), "modulus": float(abs(worst)), "spectral radius": spectral_radius(tube.A_cl)}
+    good = worst.real < 0
+    return Finding(
+        standing=Standing.SUPPORTED if good else Standing.REFUTED,
+        margin=-float(worst.real),
+        unit="1",
+        witness=witness,
+        method="eigenvalues; the printed test is that of continuous time, and a gain that is Schur fails it",
+    )
+
+
+def lyapunov(tube: Tube) -> Finding:
+    """Equality in (19): the residual of P = A_cl'P A_cl + Q + R K'K is rounding."""
+    residual = decrease(tube.A_cl, tube.K, tube.Q, tube.R, tube.P)
+    size = float(np.abs(residual).max()) / max(1.0, float(np.abs(tube.P).max()))
+    i, j = np.unravel_index(int(np.argmax(np.abs(residual))), residual.shape)
+    return Finding(
+        standing=Standing.SUPPORTED if size <= ROUNDING else Standing.REFUTED,
+        margin=ROUNDING - size,
+        unit="of the largest entry of P",
+        witness={"row": int(i), "column": int(j), "residual": float(residual[i, j]), "P": tube.P},
+        method=f"residual {size:.3g} of the largest entry of P; {FLOAT}",
+    )
+
+
+def lmi20(tube: Tube) -> Finding:
+    """The matrix of (20) is positive semidefinite."""
+    values, vectors = np.linalg.eigh(lmi(tube.A_cl, tube.K, tube.Q, tube.R, tube.P))
+    least, scale = float(values[0]), max(1.0, float(np.abs(tube.P).max()))
+    return Finding(
+        standing=Standing.SUPPORTED if least >= -ROUNDING * scale else Standing.REFUTED,
+        margin=least + ROUNDING * scale,
+        unit="1",
+        witness={"eigenvalue": least, "eigenvector": vectors[:, 0]},
+        method=f"smallest eigenvalue, 0 but for rounding ({ROUNDING:g} of P) where (19) is an equality; {FLOAT}",
+    )
+
+
+def tube_inside(tube: Tube) -> Finding:
+    """Z, the tube in the end, lies inside Sigma; (16)."""
+    minimal = minimal_rpi(tube.A_cl, tube.W_z)
+    room = tube.Sigma.h - minimal.support(tube.Sigma.H)
+    worst = int(np.argmin(room))
+    return Finding(
+        standing=Standing.SUPPORTED if room[worst] >= -TOLERANCE else Standing.REFUTED,
+        margin=float(room[worst]),
+        unit="distance to the nearest face",
+        witness={"face": tube.Sigma.labels[worst], "point": minimal.partial.extreme(tube.Sigma.H[worst])},
+        method=f"support function of Z, its tail bounded, along each of {len(room)} faces; {FLOAT}",
+    )
+
+
+def rpi(tube: Tube) -> Finding:
+    """Sigma is robust positively invariant: A_cl Sigma + A^l W lies inside Sigma."""
+    unit = tube.Sigma.normalized()
+    push = tube.W_z.support(unit.H)
+    worst, at = -np.inf, {}
+    for row, offset, label, reach in zip(unit.H, unit.h, unit.labels, push, strict=True):
+        answer = minimise(-(row @ tube.A_cl), unit.H, unit.h)
+        if answer.status == "unbounded":  # a point far out says the same and can be replayed
+            rows = np.vstack([unit.H, np.eye(unit.dimension), -np.eye(unit.dimension)])
+            answer = minimise(-(row @ tube.A_cl), rows, np.r_[unit.h, np.full(2 * unit.dimension, FAR)])
+        if answer.status != "optimal":
+            return undecided(f"the linear program along '{label}' came out {answer.status}")
+        excess = float(-answer.value + reach - offset)
+        if excess > worst:
+            worst, at = excess, {"face": label, "e": answer.x, "w": tube.W_z.extreme(row)}
+    return Finding(
+        standing=Standing.SUPPORTED if worst <= TOLERANCE else Standing.REFUTED,
+        margin=TOLERANCE - worst,
+        unit="distance",
+        witness={**at, "leaves by": worst},
+        method=f"one linear program a face, {len(unit.h)} faces, residual allowed {TOLERANCE:g}; {FLOAT}",
+    )
+
+
+def horizon27(tube: Tube, N: int) -> Finding:
+    """R_{M+N}^M lies inside Sigma for every hold M = 1 ... N-1; (27)."""
+    excess = {M: tube.held_excess(M, N) for M in range(1, N)}
+    worst = max(excess, key=lambda M: excess[M][0])
+    out = {M: value for M, (value, _) in excess.items() if value > TOLERANCE}
+    first = min(out, default=worst)
+    reach = tube.R_hold(first, first + N)
+    face = int(np.argmax(reach.support(tube.Sigma.H) - tube.Sigma.h))
+    witness: dict[str, Any] = {
+        "M": first,
+        "face": excess[first][1],
+        "point of the tube": reach.extreme(tube.Sigma.H[face]),
+        "excess by M": {M: value for M, (value, _) in excess.items()},
+    }
+    said = f"fails for M = {', '.join(map(str, out))}, which are never offered; " if out else ""
+    return Finding(
+        standing=Standing.REFUTED if out else Standing.SUPPORTED,
+        margin=-excess[worst][0],
+        unit="distance to the nearest face",
+        witness=witness,
+        method=f"{said}support function of each tube along every face of Sigma; {FLOAT}",
+    )
+
+
+def tightening_sound(
+    tube: Tube, stages: int, *, holds: tuple[int, ...] = (), sequences: int = 20, seed: int = 0
+) -> Finding:
+    """No disturbance moves the true error further from its plan than the bounds were tightened by.
+
+    The error x(k+l) of the plant with its true delay is simulated from rest against W: the sequence that is extreme
+    for each bound, and random ones of W's vertices. Stages run under feedback, or held for M first for M in ``holds``.
+    """
+    plant, bounds, random = tube.plant, tube.bounds, np.random.default_rng(seed)
+    simulated, worst, witness = 0, np.inf, {}
+    for M in (0, *holds):
+        for i in range(stages + M):
+            kept = tube.held_stage_bounds(M, i) if M else tube.stage_bounds(i)
+            maps = _responses(tube, i, M)
+            signs = random.choice([-1.0, 1.0], (sequences, len(maps), plant.W.generators.shape[1]))
+            drawn = plant.W.center + signs @ plant.W.generators.T
+            extreme = [np.array([plant.W.extreme(row @ m) for m in maps]) for row in bounds.H]
+            for w in (*extreme, *drawn):
+                slack = bounds.h - kept.h - bounds.H @ _simulated(tube, w.reshape(len(maps), plant.order), i, M)
+                simulated, row = simulated + 1, int(np.argmin(slack))
+                if slack[row] < worst:
+                    worst = float(slack[row])
+                    allowed = float(bounds.h[row] - kept.h[row])
+                    witness = {"M": M, "stage": i, "bound": bounds.labels[row], "tightened by": allowed, "w": w}
+    return Finding(
+        standing=Standing.SUPPORTED if worst >= -TOLERANCE else Standing.REFUTED,
+        margin=worst + TOLERANCE,
+        unit="units of the bound",
+        witness=witness,
+        method=f"{simulated} simulated disturbance sequences, the extreme one of every bound and stage among them",
+    )
+
+
+def _responses(tube: Tube, stage: int, M: int) -> list[Array]:
+    """Return how each disturbance w(0), w(1), ... moves x(stage + l), one matrix (n, n) a sample."""
+    plant = tube.plant
+    found = []
+    for k in range(stage + plant.delay):
+        w = np.zeros((stage + plant.delay, plant.order, plant.order))
+        w[k] = np.eye(plant.order)
+        found.append(np.stack([_simulated(tube, w[:, :, j], stage, M) for j in range(plant.order)], axis=1))
+    return found
+
+
+def _simulated(tube: Tube, w: Array, stage: int, M: int) -> Array:
+    """Return x(stage + l) from rest under w, the plant stepped with its delay and the input K (z - plan), plan = 0."""
+    plant = tube.plant
+    x, line = np.zeros(plant.order), [0.0] * plant.delay
+    for k in range(stage + plant.delay):
+        z = plant.predict(x, line)
+        du = float(tube.K @ z) if M <= k < stage else 0.0
+        line = [*line, du]
+        x = plant.A @ x + plant.b * line[0] + w[k]
+        line = line[1:]
+    return x

@@ -1,0 +1,1 @@
+"""Rigorous bounds of CasADi Functions on boxes."""

@@ -1,0 +1,248 @@
+"""Rigorous enclosures of CasADi Functions on boxes.
+
+An enclosure holds for the Function read as a formula over the real numbers, its constants being the doubles that
+stand in it. A value that CasADi computes in floating point may differ from that by its own rounding errors.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from verification.enclosure import outward, outward_logic
+from verification.enclosure.box import Box
+from verification.enclosure.outward import Array, Mask, Span
+from verification.enclosure.rewriting import COVER, MEET, NAMES, SELECT, Graph, Node, graph_of
+
+Faults = NDArray[np.int64]
+
+TOTAL: Mapping[int, Callable[..., Span]] = {
+    ca.OP_ADD: outward.add,
+    ca.OP_SUB: outward.sub,
+    ca.OP_MUL: outward.mul,
+    ca.OP_NEG: outward.neg,
+    ca.OP_TWICE: outward.twice,
+    ca.OP_SQ: outward.square,
+    ca.OP_EXP: outward.exp,
+    ca.OP_EXPM1: outward.expm1,
+    ca.OP_SIN: outward.sin,
+    ca.OP_COS: outward.cos,
+    ca.OP_ATAN: outward.atan,
+    ca.OP_ATAN2: outward.atan2,
+    ca.OP_SINH: outward.sinh,
+    ca.OP_COSH: outward.cosh,
+    ca.OP_TANH: outward.tanh,
+    ca.OP_ASINH: outward.asinh,
+    ca.OP_ERF: outward.erf,
+    ca.OP_HYPOT: outward.hypot,
+    ca.OP_FABS: outward.magnitude,
+    ca.OP_SIGN: lambda a: Span(np.sign(a.lo), np.sign(a.hi)),
+    ca.OP_FLOOR: lambda a: Span(np.floor(a.lo), np.floor(a.hi)),
+    ca.OP_CEIL: lambda a: Span(np.ceil(a.lo), np.ceil(a.hi)),
+    ca.OP_FMIN: lambda a, b: Span(np.minimum(a.lo, b.lo), np.minimum(a.hi, b.hi)),
+    ca.OP_FMAX: lambda a, b: Span(np.maximum(a.lo, b.lo), np.maximum(a.hi, b.hi)),
+    ca.OP_COPYSIGN: outward.copysign,
+    ca.OP_LT: outward_logic.less,
+    ca.OP_LE: outward_logic.less_equal,
+    ca.OP_EQ: outward_logic.equal,
+    ca.OP_NE: lambda a, b: outward_logic.negation(outward_logic.equal(a, b)),
+    ca.OP_NOT: outward_logic.negation,
+    ca.OP_AND: lambda a, b: _both(outward_logic.truth(a), outward_logic.truth(b), np.minimum),
+    ca.OP_OR: lambda a, b: _both(outward_logic.truth(a), outward_logic.truth(b), np.maximum),
+    ca.OP_IF_ELSE_ZERO: outward_logic.gate,
+    SELECT: outward_logic.select,
+    COVER: lambda a, b: Span(np.maximum(a.lo + b.lo, 1.0), a.hi + b.hi),
+    MEET: outward.meet,
+}
+"""Operations that exist for every argument."""
+
+PARTIAL: Mapping[int, tuple[Callable[..., tuple[Span, Mask]], str]] = {
+    ca.OP_DIV: (outward.div, "the divisor may be zero"),
+    ca.OP_INV: (lambda a: outward.div(outward.point(1.0), a), "the divisor may be zero"),
+    ca.OP_SQRT: (outward.sqrt, "the argument may be negative"),
+    ca.OP_LOG: (outward.log, "the argument may be zero or negative"),
+    ca.OP_LOG1P: (outward.log1p, "the argument may reach -1"),
+    ca.OP_TAN: (outward.tan, "the argument may reach a pole"),
+    ca.OP_ASIN: (outward.asin, "the argument may leave [-1, 1]"),
+    ca.OP_ACOS: (outward.acos, "the argument may leave [-1, 1]"),
+    ca.OP_ACOSH: (outward.acosh, "the argument may fall below 1"),
+    ca.OP_ATANH: (outward.atanh, "the argument may reach -1 or 1"),
+    ca.OP_ERFINV: (outward.erfinv, "the argument may reach -1 or 1"),
+    ca.OP_POW: (outward.power, "the base may be zero or negative where the exponent does not allow it"),
+    ca.OP_FMOD: (outward.fmod, "the divisor may be zero"),
+}
+"""Operations that do not, with what can go wrong."""
+
+_ITSELF: Mapping[int, float] = {
+    ca.OP_SUB: 0.0, ca.OP_LT: 0.0, ca.OP_NE: 0.0, ca.OP_LE: 1.0, ca.OP_EQ: 1.0, ca.OP_DIV: 1.0,
+}  # fmt: skip
+"""What an operation gives when both of its arguments are one quantity."""
+
+
+def _both(a: Span, b: Span, combine: Callable[[Array, Array], Array]) -> Span:
+    return Span(combine(a.lo, b.lo), combine(a.hi, b.hi))
+
+
+class Value(NamedTuple):
+    """A node on every box: its span, and the node at which evaluation failed (-1: nowhere, None: nowhere at all)."""
+
+    span: Span
+    fault: Faults | None
+
+
+def evaluate(graph: Graph, lower: Array, upper: Array, targets: Iterable[int]) -> dict[int, Value]:
+    """Enclose nodes of a graph on many boxes.
+
+    Parameters
+    ----------
+    graph
+        Where the nodes are.
+    lower, upper
+        Ends of the boxes, one row a coordinate, one column a box.
+    targets
+        The nodes that are wanted.
+
+    Returns
+    -------
+    dict
+        The targets and all that they depend on. A failed element is the whole real line.
+    """
+    values: dict[int, Value] = {}
+    with np.errstate(all="ignore"):
+        for k in graph.ancestors(tuple(targets)):
+            node = graph.nodes[k]
+            if node.op == ca.OP_INPUT:
+                low = lower[node.coordinate]
+                values[k] = Value(Span(low, low if upper is lower else upper[node.coordinate]), None)
+            elif node.op == ca.OP_CONST:
+                known = bool(np.isfinite(node.value))
+                span = outward.point(node.value) if known else outward.full(np.zeros(1))
+                values[k] = Value(span, None if known else np.array([k]))
+            else:
+                values[k] = _operate(k, node.op, node.args, [values[a] for a in node.args])
+    return values
+
+
+def _operate(k: int, op: int, args: tuple[int, ...], values: list[Value]) -> Value:
+    """Apply one operation to its enclosed arguments."""
+    spans = [value.span for value in values]
+    bad: Mask | None = None
+    if op in PARTIAL:
+        span, bad = PARTIAL[op][0](*spans)
+    elif op in TOTAL:
+        span = TOTAL[op](*spans)
+    else:
+        span, bad = outward.full(np.zeros(1)), np.array([True])
+    if len(args) == 2 and args[0] == args[1] and op in _ITSELF:
+        span = outward.point(_ITSELF[op])
+    fault = _inherited(op, values)
+    if bad is not None and bad.any():
+        own = np.where(bad, k, -1)
+        fault = own if fault is None else np.where(fault >= 0, fault, own)
+    low, high = span
+    if fault is not None:
+        low, high = np.where(fault >= 0, -np.inf, low), np.where(fault >= 0, np.inf, high)
+    return Value(Span(np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)), fault)
+
+
+def _inherited(op: int, values: list[Value]) -> Faults | None:
+    """Return the faults of the arguments that count: a branch that is surely not taken does not."""
+    faults = [value.fault for value in values]
+    if op == MEET:
+        return faults[1]
+    if op in (ca.OP_IF_ELSE_ZERO, SELECT) and any(fault is not None for fault in faults[1:]):
+        holds = outward_logic.truth(values[0].span)
+        if faults[1] is not None:
+            faults[1] = np.where(holds.hi == 0, -1, faults[1])
+        if op == SELECT and faults[2] is not None:
+            faults[2] = np.where(holds.lo == 1, -1, faults[2])
+    result: Faults | None = None
+    for fault in faults:
+        if fault is not None:
+            result = fault if result is None else np.where(result >= 0, result, fault)
+    return result
+
+
+def supported(node: Node) -> bool:
+    """Say whether there is a rule for a node, so that splitting boxes may help where it fails."""
+    constant = node.op == ca.OP_CONST and bool(np.isfinite(node.value))
+    return node.op in TOTAL or node.op in PARTIAL or node.op == ca.OP_INPUT or constant
+
+
+def reason(graph: Graph, values: Mapping[int, Value], fault: int, column: int = 0) -> str:
+    """Say in a sentence which operation failed, on what, and where it stands."""
+    node = graph.nodes[fault]
+    where = f"at instruction {node.instruction}, in {graph.describe(fault)}"
+    name = NAMES.get(node.op, f"operation {node.op}")
+    if node.op == ca.OP_CONST:
+        return f"the constant {node.value} is not a number to compute with ({where})"
+    if node.op == ca.OP_PARAMETER:
+        return f"a free variable has no range ({where})"
+    if node.op not in PARTIAL:
+        return f"the operation {name} is not supported ({where})"
+    ends = [[float(np.broadcast_to(end, column + 1)[column] if end.size == 1 else end[column])
+             for end in values[k].span] for k in node.args]  # fmt: skip
+    ranges = ", ".join(f"[{low!r}, {high!r}]" for low, high in ends)
+    return f"{name}({ranges}): {PARTIAL[node.op][1]} ({where})"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Enclosure:
+    """Ranges that hold every value of a Function on a box.
+
+    Parameters
+    ----------
+    lower, upper
+        Ends by output name, shaped like the outputs; infinite where nothing is known.
+    undecided
+        None, or a sentence saying why some entry could not be enclosed.
+    """
+
+    lower: Mapping[str, Array]
+    upper: Mapping[str, Array]
+    undecided: str | None
+
+    def __str__(self) -> str:
+        """Return the ranges, and what is undecided."""
+        text = "; ".join(f"{name} in [{self.lower[name].tolist()}, {self.upper[name].tolist()}]" for name in self.lower)
+        return text if self.undecided is None else f"{text} (undecided: {self.undecided})"
+
+
+def enclose(function: ca.Function, box: Box) -> Enclosure:
+    """Enclose all outputs of a Function on a box.
+
+    Parameters
+    ----------
+    function
+        An SX Function, or an MX Function that expands to one.
+    box
+        A range for every input.
+
+    Raises
+    ------
+    ValueError
+        Where the box does not fit the Function's inputs. What cannot be enclosed is not an error but `undecided`.
+    """
+    lower, upper = box.coordinates(function)
+    graph = graph_of(function)
+    low = {name: np.full(function.size_out(name), -np.inf) for name in function.name_out()}
+    high = {name: np.full(function.size_out(name), np.inf) for name in function.name_out()}
+    if not outward.arithmetic_is_ieee():
+        return Enclosure(lower=low, upper=high, undecided="this process does not round to nearest or drops subnormals")
+    if isinstance(graph, str):
+        return Enclosure(lower=low, upper=high, undecided=graph)
+    entries = [(name, entry) for name, nonzeros in graph.outputs.items() for entry in nonzeros]
+    values = evaluate(graph, lower[:, None], upper[:, None], [entry.node for _, entry in entries])
+    undecided: str | None = None
+    for name in graph.outputs:
+        low[name][:], high[name][:] = 0.0, 0.0
+    for name, entry in entries:
+        span, fault = values[entry.node]
+        place = entry.row, entry.column
+        low[name][place], high[name][place] = span.lo[0], span.hi[0]
+        if fault is not None and fault[0] >= 0 and undecided is None:
+            undecided = f"{name}[{entry.row}, {entry.column}]: {reason(graph, values, int(fault[0]))}"
+    return Enclosure(lower=low, upper=high, undecided=undecided)

@@ -1,0 +1,193 @@
+"""Enclosures of gradients: the chain rule backwards through a graph that was enclosed on boxes.
+
+The derivatives are not taken from CasADi, because its symbolic ones fold constants in rounded arithmetic, write
+``erf`` with a rounded factor, and hold on one side only where a condition is a number. Here every local derivative
+is an interval that holds the true one.
+
+A local derivative may be wanted at a kink. Along a segment, ``fabs``, ``fmin`` or ``fmax`` meet their kink only at
+points that do not count in an integral, or on stretches where the two sides have one slope; so any interval that
+holds the slopes of the sides in reach will do. Across a jump there is no such interval: the whole line is returned,
+which says "not usable".
+"""
+
+from collections.abc import Callable, Mapping
+
+import casadi as ca
+import numpy as np
+from flint import arb, ctx
+
+from verification.enclosure import outward, outward_logic
+from verification.enclosure.interval import Value
+from verification.enclosure.outward import Array, Mask, Span
+from verification.enclosure.rewriting import BOOLEAN, COVER, MEET, Graph
+
+_ONE, _ZERO = outward.point(1.0), outward.point(0.0)
+
+
+def _around(ball: Callable[[], arb]) -> Span:
+    """Return the floats around a constant."""
+    with ctx.workprec(outward.PRECISION):
+        low, high = outward.floats_around(ball())
+    return Span(np.array([low]), np.array([high]))
+
+
+_TWO_BY_ROOT_PI = _around(lambda: 2 / arb.pi().sqrt())
+_ROOT_PI_BY_TWO = _around(lambda: arb.pi().sqrt() / 2)
+
+
+def _unless(bad: Mask, span: Span) -> Span:
+    """Return the whole line where something failed."""
+    return Span(np.where(bad, -np.inf, span.lo), np.where(bad, np.inf, span.hi))
+
+
+def _over(a: Span, b: Span) -> Span:
+    span, bad = outward.div(a, b)
+    return _unless(bad, span)
+
+
+def _root(a: Span) -> Span:
+    span, bad = outward.sqrt(a)
+    return _unless(bad, span)
+
+
+def _one_less_square(a: Span) -> Span:
+    return outward.sub(_ONE, outward.square(a))
+
+
+def _one_more_square(a: Span) -> Span:
+    return outward.add(_ONE, outward.square(a))
+
+
+def _atan2(f: Span, y: Span, x: Span) -> tuple[Span, Span]:
+    square, cut = outward.add(outward.square(x), outward.square(y)), outward.has_zero(y) & (x.lo <= 0)
+    return _unless(cut, _over(x, square)), _unless(cut, _over(outward.neg(y), square))
+
+
+def _power(f: Span, x: Span, y: Span) -> tuple[Span, Span]:
+    lower, bad = outward.power(x, outward.sub(y, _ONE))
+    by_base = _unless(bad, outward.mul(y, lower))
+    if np.all(y.lo == y.hi):
+        return by_base, _ZERO  # the exponent does not change over the box
+    logarithm, bad = outward.log(x)
+    return by_base, _unless(bad, outward.mul(f, logarithm))
+
+
+def _step(f: Span, *arguments: Span) -> tuple[Span, ...]:
+    """Return no slope where the result is decided."""
+    return (_unless(np.asarray(f.lo != f.hi), Span(np.zeros_like(f.lo), np.zeros_like(f.hi))),) * len(arguments)
+
+
+def _gate(f: Span, c: Span, x: Span) -> tuple[Span, Span]:
+    holds = outward_logic.truth(c)
+    undecided = np.asarray(holds.lo != holds.hi)
+    return _unless(undecided, Span(np.zeros_like(holds.lo), np.zeros_like(holds.lo))), _unless(undecided, holds)
+
+
+def _sign(a: Span) -> Span:
+    return Span(np.sign(a.lo), np.sign(a.hi))
+
+
+def _copysign(f: Span, x: Span, y: Span) -> tuple[Span, Span]:
+    jump = outward.has_zero(y)
+    return _unless(jump, outward.mul(_sign(x), _sign(y))), _unless(jump, _ZERO)
+
+
+def _smaller(f: Span, a: Span, b: Span) -> tuple[Span, Span]:
+    return outward_logic.less(a, b), outward_logic.less(b, a)
+
+
+def _unknown(f: Span, *arguments: Span) -> tuple[Span, ...]:
+    return (outward.full(np.zeros(1)),) * len(arguments)
+
+
+Partials = Callable[..., tuple[Span, ...]]
+
+_PARTIALS: Mapping[int, Partials] = {
+    ca.OP_ADD: lambda f, a, b: (_ONE, _ONE),
+    ca.OP_SUB: lambda f, a, b: (_ONE, outward.neg(_ONE)),
+    ca.OP_MUL: lambda f, a, b: (b, a),
+    ca.OP_DIV: lambda f, a, b: (_over(_ONE, b), outward.neg(_over(f, b))),
+    ca.OP_INV: lambda f, a: (outward.neg(outward.square(f)),),
+    ca.OP_NEG: lambda f, a: (outward.neg(_ONE),),
+    ca.OP_TWICE: lambda f, a: (outward.twice(_ONE),),
+    ca.OP_SQ: lambda f, a: (outward.twice(a),),
+    ca.OP_SQRT: lambda f, a: (_over(_ONE, outward.twice(f)),),
+    ca.OP_EXP: lambda f, a: (f,),
+    ca.OP_EXPM1: lambda f, a: (outward.exp(a),),
+    ca.OP_LOG: lambda f, a: (_over(_ONE, a),),
+    ca.OP_LOG1P: lambda f, a: (_over(_ONE, outward.add(_ONE, a)),),
+    ca.OP_SIN: lambda f, a: (outward.cos(a),),
+    ca.OP_COS: lambda f, a: (outward.neg(outward.sin(a)),),
+    ca.OP_TAN: lambda f, a: (_one_more_square(f),),
+    ca.OP_ASIN: lambda f, a: (_over(_ONE, _root(_one_less_square(a))),),
+    ca.OP_ACOS: lambda f, a: (outward.neg(_over(_ONE, _root(_one_less_square(a)))),),
+    ca.OP_ATAN: lambda f, a: (_over(_ONE, _one_more_square(a)),),
+    ca.OP_ATAN2: _atan2,
+    ca.OP_SINH: lambda f, a: (outward.cosh(a),),
+    ca.OP_COSH: lambda f, a: (outward.sinh(a),),
+    ca.OP_TANH: lambda f, a: (_one_less_square(f),),
+    ca.OP_ASINH: lambda f, a: (_over(_ONE, _root(_one_more_square(a))),),
+    ca.OP_ACOSH: lambda f, a: (_over(_ONE, _root(outward.sub(outward.square(a), _ONE))),),
+    ca.OP_ATANH: lambda f, a: (_over(_ONE, _one_less_square(a)),),
+    ca.OP_ERF: lambda f, a: (outward.mul(_TWO_BY_ROOT_PI, outward.exp(outward.neg(outward.square(a)))),),
+    ca.OP_ERFINV: lambda f, a: (outward.mul(_ROOT_PI_BY_TWO, outward.exp(outward.square(f))),),
+    ca.OP_HYPOT: lambda f, a, b: (_over(a, f), _over(b, f)),
+    ca.OP_POW: _power,
+    ca.OP_FABS: lambda f, a: (_sign(a),),
+    ca.OP_FMIN: _smaller,
+    ca.OP_FMAX: lambda f, a, b: _smaller(f, b, a),
+    ca.OP_COPYSIGN: _copysign,
+    ca.OP_IF_ELSE_ZERO: _gate,
+    COVER: lambda f, a, b: (_ONE, _ONE),
+    MEET: lambda f, a, b: (_ZERO, _ONE),  # the rewritten quantity is the same one again
+    **dict.fromkeys((*BOOLEAN, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL), _step),
+}
+
+
+def gradient(graph: Graph, node: int, values: Mapping[int, Value], shape: tuple[int, int]) -> Span:
+    """Enclose the gradient of a node on boxes.
+
+    Parameters
+    ----------
+    graph, node
+        What to differentiate.
+    values
+        The enclosures of the node and all that it depends on.
+    shape
+        Number of coordinates, number of boxes.
+
+    Returns
+    -------
+    Span
+        One row a coordinate, one column a box. An infinite end says that nothing is known there: the slope is
+        unbounded, something jumps, or an operation has no rule.
+    """
+    with np.errstate(all="ignore"):
+        return _chain(graph, node, values, Span(np.zeros(shape), np.zeros(shape)))
+
+
+def _chain(graph: Graph, node: int, values: Mapping[int, Value], result: Span) -> Span:
+    """Walk backwards from the node, adding up what reaches every coordinate."""
+    through: dict[int, Span] = {node: _ONE}
+    for k in reversed(graph.ancestors((node,), rewritten=False)):
+        op, args = graph.nodes[k].op, graph.nodes[k].args
+        so_far = through.pop(k, None)
+        if so_far is None:
+            continue
+        if op == ca.OP_INPUT:
+            result.lo[graph.nodes[k].coordinate], result.hi[graph.nodes[k].coordinate] = so_far
+        if not args:
+            continue
+        rule = _PARTIALS.get(op, _unknown)
+        for argument, partial in zip(args, rule(values[k].span, *(values[a].span for a in args)), strict=True):
+            if graph.nodes[argument].op == ca.OP_CONST or (op == MEET and argument == args[0]):
+                continue
+            term = _known(outward.mul(so_far, _known(partial)))
+            before = through.get(argument)
+            through[argument] = term if before is None else _known(outward.add(before, term))
+    return result
+
+
+def _known(a: Span) -> Span:
+    low: Array = np.where(np.isnan(a.lo), -np.inf, a.lo)
+    return Span(low, np.where(np.isnan(a.hi), np.inf, a.hi))

@@ -1,0 +1,1 @@
+"""HTML, JSON and JUnit XML from verdicts; nothing is computed here."""

@@ -1,0 +1,179 @@
+"""What verdicts on learning laws mean, in the plain words of a report: judging is done elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from workbench.contracts.examination import Table
+from workbench.contracts.law import learns_increment
+from workbench.contracts.verdict import Standing, Verdict
+
+BROKEN = {
+    "A2.printed": "A2.printed (one bound for all ratios)",
+    "A4.printed": "A4.printed (all ratios positive)",
+    "lemma1": "lemma1 (a bounded PPD)",
+}
+IDLE = 0.01  # median excitation share below which the estimate is said not to learn
+USELESS = 1e6  # a transient bound above that is called of no use
+
+
+def paragraphs(files: Sequence[Any], verdicts: Sequence[Verdict]) -> Sequence[str]:
+    """Return what the verdicts mean, a paragraph a controller and one on the boxes.
+
+    ``files`` are the controllers' dossiers (:class:`verification.theorems.learning.Dossier`).
+    """
+    mine = {
+        d.controller: {v.claim.split(".", 1)[1]: v for v in verdicts if v.controller == d.controller} for d in files
+    }
+    repaired = [
+        name
+        for name, own in mine.items()
+        if _stands(own, "increment_monotone", Standing.PROVED) or _stands(own, "increment_weighted", Standing.PROVED)
+    ]
+    said = _shared(mine)
+    said += [" ".join(_sentences(d, mine[d.controller], repaired)) for d in files]
+    if files:
+        said.append(
+            "PROVED speaks of the boxes below only: what each controller's run met, a little wider. A trial that "
+            "leaves its box, another plant or measurement noise is not covered; SUPPORTED speaks of this run."
+        )
+    return said
+
+
+def boxes(files: Sequence[Any]) -> Sequence[Table]:
+    """Return the boxes that proofs are stated for as a table, a row a controller."""
+    if not files:
+        return []
+    plant = files[0].plant
+    kinds = (("x", plant.states), ("u", plant.inputs), ("w", plant.disturbances))
+    header = ["controller", *(f"{s.name} ({s.unit})" for _, named in kinds for s in named), "sample k"]
+    rows = []
+    for d in files:
+        cells = [
+            f"{low:.4g} to {high:.4g}"
+            for key in ("x", "u", "w", "k")
+            for low, high in zip(d.box[key][0].ravel(), d.box[key][1].ravel(), strict=True)
+        ]
+        rows.append([d.controller, *cells])
+    return [Table(title="The boxes that proofs are stated for", header=header, rows=rows)]
+
+
+def _stands(own: Mapping[str, Verdict], name: str, standing: Standing) -> bool:
+    return name in own and own[name].standing is standing
+
+
+def _broken(own: Mapping[str, Verdict]) -> tuple[str, ...]:
+    return tuple(words for name, words in BROKEN.items() if _stands(own, name, Standing.REFUTED))
+
+
+def _shared(mine: Mapping[str, Mapping[str, Verdict]]) -> list[str]:
+    """Return what is said once of all controllers for which the same assumptions fail, or the same repairs hold."""
+    said = []
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for name, own in mine.items():
+        groups.setdefault(_broken(own), []).append(name)
+    for broken, names in groups.items():
+        if broken:
+            said.append(
+                f"For {_listed(names)} {_listed(broken)} {'do' if len(broken) > 1 else 'does'} not hold on this plant: "
+                "the ratio of output to input differences between trials also carries what earlier inputs of the same "
+                "trial did, so it is not the partial derivative. A proof that rests on it does not cover "
+                f"{'these controllers' if len(names) > 1 else 'this controller'}, whatever the run looks like."
+            )
+    holds = [
+        name
+        for name, own in mine.items()
+        if _stands(own, "A4.partial", Standing.PROVED) and _stands(own, "A2.lifted", Standing.PROVED)
+    ]
+    if holds:
+        said.append(
+            f"What does hold for {_listed(holds)}: the partial derivative is positive (A4.partial), and a difference "
+            "of the output is at most p times the largest input difference so far (A2.lifted, the repaired A2)."
+        )
+    return said
+
+
+def _sentences(d: Any, own: Mapping[str, Verdict], repaired: Sequence[str]) -> list[str]:
+    e, unit, broken = d.evidence, d.mse_unit.replace("^2", "²"), _broken(own)
+    text = [f"{d.controller}: the MSE went from {d.mse[0]:.4g} to {d.mse[-1]:.4g} {unit} in {d.mse.size} trials."]
+    ratio = (e.ratio / e.partial)[np.isfinite(e.ratio)]
+    if broken and ratio.size:
+        text.append(
+            f"Of the realised ratios {100 * float((ratio <= 0).mean()):.3g} % are not positive, and the largest is "
+            f"{float(np.abs(ratio).max()):.2g} times the partial derivative."
+        )
+    if _stands(own, "theorem1", Standing.REFUTED):
+        factor = d.adaptation.factor[np.isfinite(d.adaptation.factor)]
+        text.append(
+            f"The premises of Theorem 1 are not met at {100 * float((np.abs(factor) >= 1).mean()):.3g} % of trials and "
+            "samples: its proof does not apply."
+        )
+    text += _increment(own) or _lifted(own)
+    text += _estimate(d, own)
+    if broken and not learns_increment(d.law) and repaired:
+        text.append(f"What to do: use {_listed(repaired)}, proved to converge over its box without measurement noise.")
+    elif broken and not learns_increment(d.law) and e.degree == 1:
+        text.append(
+            "What to do: learn on the increment of the output (the law Increment), and verify again: there "
+            "convergence can be proved from the plant's equations."
+        )
+    return text
+
+
+def _increment(own: Mapping[str, Verdict]) -> list[str]:
+    covered = "A theorem of its own covers this law:"
+    if _stands(own, "increment_monotone", Standing.PROVED):
+        factor = (own["increment_monotone"].witness or {}).get("factor_at_phi0", np.nan)
+        return [
+            f"{covered} the largest input error provably never grows from a trial to the next, for every phi > 0, and "
+            f"while phi stays at phi(k,1) it shrinks to {100 * factor:.3g} % wherever the trial reaches: monotone "
+            "convergence."
+        ]
+    if _stands(own, "increment_weighted", Standing.PROVED):
+        rise = float((own["increment_weighted"].witness or {}).get("transient", np.inf))
+        sense = "too large to be of use" if rise > USELESS else "a pessimistic bound"
+        return [
+            f"{covered} a weighted input error provably never grows and, while the estimate stays bounded, shrinks "
+            "wherever trials reach, so the law converges. The largest input error itself may rise on the way, because "
+            "what earlier inputs do to a sample can outweigh what its own input does there (on a line with grades, "
+            f"through the position), but at most {rise:.3g} times, {sense}."
+        ]
+    return []
+
+
+def _lifted(own: Mapping[str, Verdict]) -> list[str]:
+    if not _stands(own, "asymptotic", Standing.SUPPORTED):
+        return []
+    kept = 100 * (1 - (own["asymptotic"].margin or 0.0))
+    peak = (own["monotone"].witness or {}).get("singular_value") if "monotone" in own else None
+    how = (
+        "monotonically"
+        if _stands(own, "monotone", Standing.SUPPORTED) or peak is None
+        else f"but one trial may raise it {peak:.3g} times"
+    )
+    return [
+        f"Linearised along the last trial the error vanishes in the end, {how}; the slowest sample keeps {kept:.6g} % "
+        "of its error from trial to trial. That is no proof for the plant itself."
+    ]
+
+
+def _estimate(d: Any, own: Mapping[str, Verdict]) -> list[str]:
+    witness = (own["estimator"].witness or {}) if "estimator" in own else {}
+    share = witness.get("excitation_share_median")
+    if share is None:
+        return []
+    median = float(np.nanmedian(d.evidence.relative_error()))
+    error = f"its median relative error against the partial derivative is {median:.3g}"
+    if share < IDLE:
+        return [
+            f"The estimate hardly learns ({error}): mu is large beside the squared input differences, so that in the "
+            f"median the data of a trial could move it by a share of {share:.2g} only, and it stays near phi(k,1)."
+        ]
+    return [f"The estimate follows the realised ratio rather than the partial derivative: {error}."]
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -1,0 +1,7 @@
+from workbench.trials.campaign import Campaign as Campaign
+from workbench.trials.campaign import load as load
+from workbench.trials.campaign import run as run
+from workbench.trials.length import TrialLength as TrialLength
+from workbench.trials.study import TrialStudy as TrialStudy
+
+__all__ = ["Campaign", "TrialLength", "TrialStudy", "load", "run"]

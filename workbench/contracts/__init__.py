@@ -1,0 +1,1 @@
+"""Data that every room speaks of: laws, studies, claims, verdicts, settings."""

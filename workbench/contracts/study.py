@@ -1,0 +1,35 @@
+"""What a study is: a frozen declaration whose fields are its settings, and what it can do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol, runtime_checkable
+
+import xarray as xr
+
+Scores = dict[str, dict[str, float | None]]
+Progress = Callable[[int, str], Any]
+"""progress(total, label) gives a context manager whose value is called with the steps done."""
+
+
+@runtime_checkable
+class Study(Protocol):
+    """A declaration that can be run: its declared fields are what ``--set`` takes.
+
+    Studies made of trials are :class:`workbench.trials.study.TrialStudy` objects; a study of another kind is any
+    declared class with these members.
+    """
+
+    name: str
+    title: str
+    source: str
+    seed: int
+
+    def simulate(self, progress: Progress) -> xr.Dataset:
+        """Run everything that the study compares and return it with units, as design of ``run.nc`` says."""
+
+    def scores(self, data: xr.Dataset) -> Scores:
+        """Return every controller's metrics; None stands for a metric that does not exist in this run."""
+
+    def figures(self, data: xr.Dataset) -> Mapping[str, Callable[[], Any]]:
+        """Return the figures by name, each a function that draws and returns a Matplotlib figure."""

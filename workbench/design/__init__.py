@@ -1,0 +1,1 @@
+"""Tuning laws alike, and comparing them."""

@@ -1,0 +1,88 @@
+"""Comparing laws in one call: tune, run, the table, the time that a sample takes."""
+
+from __future__ import annotations
+
+import csv
+import os
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from workbench.contracts.settings import assigned
+from workbench.design.comparison import Comparison, comparison
+from workbench.fold.fold import Fold, stream
+from workbench.fold.machine_code import compiled
+from workbench.trials.campaign import Campaign, run
+
+
+def compare(
+    study: Any, laws: Sequence[str] | None = None, settings: Sequence[str] = (), *, show_progress: bool = True
+) -> Campaign:
+    """Tune and run laws on a study's plant, with settings as ``--set`` takes them; return the campaign."""
+    return run(assigned(comparison(study, laws), settings), show_progress=show_progress)
+
+
+HEADER = {
+    "mse": "MSE, mean over trials",
+    "mse_last": "final MSE",
+    "trials_needed": "trials needed",
+    "max_jerk": "jerk (m/s^3)",
+    "energy_kwh": "energy (kWh)",
+    "force_peak": "force peak (N)",
+    "solves": "solves",
+}
+
+
+def table(campaign: Campaign, times: Mapping[str, float] | None = None) -> list[tuple[str, ...]]:
+    """Return the table of a comparison, its header first; with ``times`` also the time a sample (microseconds).
+
+    Without times it is the same for the same settings and seed, to the last digit.
+    """
+    header = ["law", *HEADER.values(), *(["time per sample (us)"] if times is not None else []), "note"]
+    rows = [tuple(header)]
+    refused = dict(
+        zip(campaign.data["refused_law"].values.tolist(), campaign.data["refused"].values.tolist(), strict=True)
+    )
+    stopped = {
+        str(name): str(why)
+        for name, why in zip(campaign.data["controller"].values, campaign.data["stopped"].values, strict=True)
+    }
+    for name, metrics in campaign.scores().items():
+        cells = [_shown(metrics[metric]) for metric in HEADER]
+        timed = [] if times is None else [f"{times[name]:.3f}" if name in times else "-"]
+        note = f"does not suit: {refused[name]}" if name in refused else stopped.get(name, "")
+        rows.append((name, *cells, *timed, note))
+    return rows
+
+
+def _shown(value: float | None) -> str:
+    return "-" if value is None else f"{value:.6g}"
+
+
+def times(campaign: Campaign, repeats: int = 5) -> dict[str, float]:
+    """Measure the time that a sample of plant and law takes, in microseconds, learning included; by law."""
+    study: Comparison = campaign.study
+    laws = study.tuned_laws(campaign.data)
+    ready = study.study(laws, true=True, seed=study.seed)
+    one = ready.inputs()[:1] * repeats
+    found = {}
+    for name in laws:
+        fold: Fold = ready.fold(name)
+        running = stream(fold, ready.reference_samples, one, trial=compiled(fold.trial))
+        taken = []
+        for _ in range(repeats):
+            begin = time.perf_counter()
+            next(running)
+            taken.append(time.perf_counter() - begin)
+        found[name] = 1e6 * min(taken) / fold.samples
+    return found
+
+
+def save(campaign: Campaign, folder: str | os.PathLike[str], measured: Mapping[str, float]) -> None:
+    """Write a comparison as every run is written, with table.csv, and times.csv, which no two runs share."""
+    campaign.save(folder)
+    with (Path(folder) / "table.csv").open("w", newline="") as file:
+        csv.writer(file).writerows(table(campaign))
+    with (Path(folder) / "times.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([("law", "time per sample (us)"), *measured.items()])

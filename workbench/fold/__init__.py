@@ -1,0 +1,1 @@
+"""A sample, a trial, a campaign: from symbolic equations to machine code."""

@@ -1,0 +1,349 @@
+"""One trial as one Function, a campaign as a fold of trials.
+
+One sample (plant and law, the state frozen once the trial has ended) is an SX Function; a trial is its
+``mapaccum`` wrapped, together with the law's learning on whole rows, in an MX Function; a campaign is the trial
+folded over trials, either streamed through compiled code or as one symbolic Function.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from models.plant import Plant
+from models.quantity import InvalidValue, symbolised
+from workbench.contracts.law import Estimating, Learning, Placing, Stateful, Task, Telling, Trial
+from workbench.fold.sample import Sample, like, one_sample, without_time
+from workbench.fold.tightened import SAMPLES
+
+MEMORY = "memory_"
+TIMETABLE = f"{MEMORY}timetable"
+ROWS = ("u", "x", "y", "estimate", "applied", "told")
+TOGETHER = 2**16  # numbers of trials' records that lie together: few, so that they come from memory used before
+UNROLLED = 20  # samples folded into one function; larger saves calls, and costs compile time
+
+
+class TrialInput(NamedTuple):
+    """What a trial is run with: its length, where it starts, plant disturbances and measurement noise."""
+
+    length: int
+    """The last sample that is reached."""
+    x0: Any
+    """Initial state, (nx,)."""
+    w: Any
+    """Disturbances, (nw, N)."""
+    noise: Any
+    """Added to the outputs that the law sees, (ny, N + 1)."""
+
+
+class TrialRecord(NamedTuple):
+    """What a trial left: true signals, missing samples are NaN."""
+
+    u: Any
+    """Input, (nu, N); the plan at every sample for a law that does not feed back."""
+    x: Any
+    """State, (nx, N + 1)."""
+    y: Any
+    """True output, (ny, N + 1)."""
+    estimate: Any
+    """PPD estimate, (1, N), or an empty array."""
+    mse: float
+    """Mean of e^2 over samples 1..length, summed over outputs."""
+    applied: Any
+    """The input that acted behind the plant's actuators, (nu, N), or an empty array for a plant without."""
+    told: Any
+    """What a :class:`~workbench.contracts.law.Telling` law tells, one row a signal, (nt, N)."""
+    memory: tuple[Any, ...] = ()
+    """The memory that the trial was run with, where it was asked for; shapes as in ``start``."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Fold:
+    """The trials of a plant under a controller over N samples, as CasADi Functions.
+
+    ``parameters`` names the float quantities of both (``plant.mass``, ``law.lam``): they are inputs of the
+    Functions, so another value needs no new Function.
+    """
+
+    plant: Plant
+    law: Any
+    samples: int
+    parameters: tuple[str, ...]
+    values: tuple[float, ...]
+    start: ca.Function
+    """(r, sampling_time, p) -> memory_*: the memory before the first trial."""
+    trial: ca.Function
+    """(memory_*, x0, length, r, w, noise, p) -> memory_*_next, x_end, u, x, y, estimate, mse, applied, told."""
+
+    @property
+    def memory(self) -> tuple[str, ...]:
+        """Names of the trial Function's memory inputs."""
+        return tuple(name for name in self.trial.name_in() if name.startswith(MEMORY))
+
+    @property
+    def law_memory(self) -> tuple[str, ...]:
+        """Names of those that are the law's own: all but the rows that depend on time alone."""
+        return tuple(name for name in self.memory if name != TIMETABLE)
+
+    def values_of(self, law: Any) -> tuple[float, ...]:
+        """Return the parameters' values with another law of the same class and structure."""
+        return symbolised(self.plant).values + symbolised(law).values
+
+    def campaign(self, trials: int) -> ca.Function:
+        """Return the whole campaign as one symbolic Function, so that derivatives through it exist.
+
+        (x0 (nx), length (1, trials), r (ny, N + 1), w (nw, N * trials), noise (ny, (N + 1) * trials), p)
+        -> u, y, mse, estimate: the trials' columns side by side.
+        """
+        plant, n = self.plant, self.samples
+        body = self.trial.mapaccum("campaign_fold", trials, len(self.memory)) if self.memory else self.trial.map(trials)
+        shapes = {
+            "x0": (len(plant.states), 1),
+            "length": (1, trials),
+            "r": (len(plant.outputs), n + 1),
+            "w": (len(plant.disturbances), n * trials),
+            "noise": (len(plant.outputs), (n + 1) * trials),
+            "p": (len(self.parameters), 1),
+        }
+        given = {name: ca.MX.sym(name, *shape) for name, shape in shapes.items()}
+        handed = {
+            name: ca.repmat(value, 1, trials) if name in ("x0", "r", "p") else value for name, value in given.items()
+        }
+        if self.memory:
+            first = self.start.call({"r": given["r"], "sampling_time": plant.sampling_time, "p": given["p"]})
+            handed |= {name: first[name] for name in self.memory}
+        result = body.call(handed)
+        outputs = ["u", "y", "mse", "estimate"]
+        return ca.Function("campaign", list(given.values()), [result[o] for o in outputs], list(given), outputs)
+
+
+def build(plant: Plant, law: Any, samples: int) -> Fold:
+    """Return the fold of a plant and a controller over N samples, N at least 2.
+
+    Raises InvalidValue where step, output, act or learn give values of the wrong shape.
+    """
+    ny, nu, nx, nw = (len(named) for named in (plant.outputs, plant.inputs, plant.states, plant.disturbances))
+    plant_sx, law_sx = symbolised(plant), symbolised(law)
+    names = [f"plant.{name}" for name in plant_sx.names] + [f"law.{name}" for name in law_sx.names]
+    p = ca.MX.sym("p", len(names))
+    pieces = iter(ca.vertsplit(p)[len(plant_sx.names) :] if names else [])
+    law_mx = symbolised(law, lambda name: next(pieces)).thing
+
+    r = ca.MX.sym("r", ny, samples + 1)
+    sampling_time = ca.MX.sym("sampling_time")
+    begun = law_mx.start(Task(r, sampling_time))
+    fields = [MEMORY + name for name in getattr(begun, "_fields", ())]
+    first = [ca.densify(ca.MX(value)) for value in begun]
+    kept = [ca.MX.sym(name, *value.shape) for name, value in zip(fields, first, strict=True)]
+    memory = like(begun, kept)
+    given = {
+        "x0": ca.MX.sym("x0", nx),
+        "length": ca.MX.sym("length"),
+        "r": r,
+        "w": ca.MX.sym("w", nw, samples),
+        "noise": ca.MX.sym("noise", ny, samples + 1),
+        "p": p,
+    }
+    reached = ca.DM(range(samples + 1)).T <= given["length"]
+    rows = {
+        "r": r[:, :-1],
+        "r_next": r[:, 1:],
+        "w": given["w"],
+        "noise": given["noise"][:, :-1],
+        "k": ca.DM(range(samples)).T,
+        "reached_next": reached[1:],
+    }
+    begin = law_mx.place(memory, given["x0"]) if isinstance(law, Placing) else given["x0"]
+    ready = law_mx.ready(memory) if isinstance(law, Stateful) else ()
+    sample = one_sample(plant_sx.thing, law_sx.thing, memory, ready, samples)
+    symbols = dict(zip(names, [*plant_sx.symbols, *law_sx.symbols], strict=True))
+    sample, table = without_time(sample, symbols, p, samples)
+    timed = {}
+    if table is not None:
+        timed[TIMETABLE] = rows["timed"] = ca.MX.sym(TIMETABLE, *table.shape)
+        first.append(table)
+    start = ca.Function("start", [r, sampling_time, p], first, ["r", "sampling_time", "p"], [*fields, *timed])
+    folded = _folded(sample, symbols, begin, memory, ready, rows, p, samples)
+
+    x = ca.horzcat(begin, folded.x)
+    last = _with_parameters(plant_sx.thing.measured(sample.x), sample.x, symbols)(folded.x[:, -1], p)
+    y = ca.if_else(ca.repmat(reached, ny, 1), ca.horzcat(folded.y, last), ca.DM.nan(ny, samples + 1))
+    u = folded.u
+    if sample.feeds_back:
+        u = ca.if_else(ca.repmat(reached[1:], nu, 1), u, ca.DM.nan(nu, samples))
+    squared = ca.if_else(ca.repmat(reached[1:], ny, 1), (r - y)[:, 1:] ** 2, 0)
+    seen = y + given["noise"]
+    left = Trial(r, seen, r - seen, u, reached, folded.state)
+    learned = law_mx.learn(memory, left) if isinstance(law, Learning) else memory
+    told = ca.vertcat(*law_mx.tell(memory, left)) if isinstance(law, Telling) else ca.MX(0, samples)
+    _same_shapes(law, fields, kept, learned)
+    results = {
+        **{f"{name}_next": ca.densify(value) for name, value in zip(fields, learned, strict=True)},
+        **{f"{name}_next": rows_of_time for name, rows_of_time in timed.items()},
+        "x_end": folded.x[:, -1],
+        "u": ca.densify(u),
+        "x": ca.densify(x),
+        "y": ca.densify(y),
+        "estimate": ca.densify(law_mx.ppd_estimate(memory) if isinstance(law, Estimating) else ca.MX(1, 0)),
+        "mse": ca.sum1(ca.sum2(squared)) / given["length"],
+        "applied": ca.densify(folded.applied),
+        "told": ca.densify(told),
+    }
+    trial = ca.Function(
+        f"trial_{plant.name}_{type(law).__name__.lower()}",
+        [*kept, *timed.values(), *given.values()],
+        list(results.values()),
+        [*fields, *timed, *given],
+        list(results),
+    )
+    return Fold(plant, law, samples, tuple(names), plant_sx.values + law_sx.values, start, trial)
+
+
+class _Folded(NamedTuple):
+    """Rows of one trial: state after each sample, acting state after each sample, inputs and output at each."""
+
+    x: Any
+    state: Any
+    u: Any
+    y: Any
+    applied: Any
+
+
+def _folded(
+    sample: Sample,
+    symbols: dict[str, ca.SX],
+    begin: Any,
+    memory: Any,
+    ready: Any,
+    rows: dict[str, Any],
+    p: Any,
+    samples: int,
+) -> _Folded:
+    """Fold the sample over a trial; only the inputs that it depends on are handed to it."""
+    results = [sample.x_next, *sample.state_next, sample.u, sample.y, sample.applied]
+    mapped = [(sample.rows[name], rows[name]) for name in rows]
+    for symbol, field in zip(sample.memory, memory, strict=True):
+        mapped.append((symbol, field if field.shape[1] == 1 else field[:, :samples]))
+    mapped += [(symbol, p[index]) for index, symbol in enumerate(symbols.values())]
+    everything = ca.vertcat(*(ca.vec(result) for result in results))
+    mapped = [(symbol, value) for symbol, value in mapped if symbol.numel() and ca.depends_on(everything, symbol)]
+    mapped.sort(key=lambda pair: pair[1].shape[1] == 1)  # those that are the same at every sample come last
+    one = ca.Function("sample", [sample.x, *sample.state, *(symbol for symbol, _ in mapped)], results, {"cse": True})
+    accumulated = 1 + len(sample.state)
+    fixed = sum(value.shape[1] == 1 for _, value in mapped)
+    fold = one.mapaccum(f"{SAMPLES}_{accumulated}_{fixed}", samples, accumulated, {"base": UNROLLED})
+    handed = [value if value.shape[1] == samples else ca.repmat(value, 1, samples) for _, value in mapped]
+    folded = fold.call([begin, *ready, *handed])
+    return _Folded(folded[0], like(ready, folded[1:accumulated]), *folded[-3:])
+
+
+def _with_parameters(value: ca.SX, x: ca.SX, symbols: dict[str, ca.SX]) -> ca.Function:
+    return ca.Function("at_end", [x, ca.vertcat(*symbols.values())], [value])
+
+
+def _same_shapes(law: Any, fields: Sequence[str], before: Sequence[Any], after: Any) -> None:
+    for name, old, new in zip(fields, before, after, strict=True):
+        if tuple(old.shape) != tuple(new.shape):
+            raise InvalidValue(
+                f"{type(law).__name__}.learn must keep the shape of {name.removeprefix(MEMORY)}, {old.shape}; "
+                f"got {new.shape}"
+            )
+
+
+def stream(
+    fold: Fold,
+    reference: Any,
+    trials: Iterable[TrialInput],
+    *,
+    trial: ca.Function | None = None,
+    values: Sequence[float] | None = None,
+    carry_state: bool = False,
+    keep_memory: bool = False,
+    memory: Any = None,
+) -> Iterator[TrialRecord]:
+    """Run trials one after the other and yield what each left.
+
+    reference has shape (ny, N + 1). ``trial`` is the compiled ``fold.trial`` (default: virtual machine), ``values``
+    replaces the parameters' values, ``carry_state`` starts a trial where the last one ended, ``keep_memory`` gives each
+    record the memory that its trial was run with, ``memory`` (as the law's ``start`` gives it, in numbers) replaces
+    the memory before the first trial.
+    """
+    function = trial or fold.trial
+    p = np.array(fold.values if values is None else values, dtype=float)
+    r = np.asarray(reference, dtype=float)
+    told = {"r": _flat(r), "p": p}  # buffers keep no reference: what they are handed must outlive them
+    first = _begun(fold, told)
+    own = ((name, first[name]) for name in fold.law_memory)
+    for (name, field), start in zip(own, memory or (), strict=memory is not None):
+        given_field = _flat(ca.DM(start).full())
+        if field.size != given_field.size:
+            raise InvalidValue(f"{name} must hold {field.size} number(s), got {given_field.size}")
+        field[:] = given_field
+    second = {name: np.empty_like(field) for name, field in first.items()}
+    given = {name: np.zeros(function.size_in(name)).ravel() for name in ("x0", "length", "w", "noise")}
+    shapes = {name: function.size_out(name) for name in (*ROWS, "mse", "x_end")}
+    ends = np.cumsum([0, *(rows * columns for rows, columns in shapes.values())])
+    left = np.empty(ends[-1])
+    parts = {name: slice(*ends[i : i + 2]) for i, name in enumerate(shapes)}
+    results = {name: left[part] for name, part in parts.items()}
+    together = 1 + TOGETHER // left.size
+    shelf: Any = None
+    blocks: list[Any] = []
+    triggers = []  # the memory goes to and fro between two sets of arrays
+    for now, then in ((first, second), (second, first)):
+        buffer, trigger = function.buffer()
+        _hand(buffer.set_arg, function.name_in(), {**now, **given, **told})
+        _hand(buffer.set_res, function.name_out(), {**{f"{n}_next": a for n, a in then.items()}, **results})
+        triggers.append((buffer, trigger))
+    handed: dict[str, Any] = {}
+    for index, one in enumerate(trials):
+        given["x0"][:] = results["x_end"] if carry_state and index else one.x0
+        given["length"][0] = one.length
+        for name, drawn in (("w", one.w), ("noise", one.noise)):
+            if given[name].size and drawn is not handed.get(name):
+                given[name][:] = np.ravel(drawn, order="F")
+                unchanging = isinstance(drawn, np.ndarray) and not drawn.flags.writeable
+                handed[name] = drawn if unchanging else None
+        triggers[index % 2][1]()
+        at = index % together
+        if at == 0:
+            shelf = np.empty((together, left.size))
+            blocks = [
+                shelf[:, parts[name]].reshape(together, *shapes[name][::-1]).transpose(0, 2, 1)
+                for name in (*ROWS, "mse")
+            ]
+        shelf[at] = left
+        *rows, mse = [block[at] for block in blocks]
+        used: tuple[Any, ...] = ()
+        if keep_memory:
+            before = second if index % 2 else first
+            used = tuple(before[name].reshape(fold.start.size_out(name), order="F").copy() for name in fold.law_memory)
+        yield TrialRecord(**dict(zip(ROWS, rows, strict=True)), mse=float(mse[0, 0]), memory=used)
+
+
+def _begun(fold: Fold, told: dict[str, Any]) -> dict[str, Any]:
+    """Return the memory before the first trial, flat arrays by name."""
+    first = {name: np.zeros(fold.start.numel_out(name)) for name in fold.memory}
+    if first:
+        sampling_time = np.array([float(fold.plant.sampling_time)])
+        buffer: Any
+        buffer, begin = fold.start.buffer()
+        _hand(buffer.set_arg, fold.start.name_in(), {**told, "sampling_time": sampling_time})
+        _hand(buffer.set_res, fold.start.name_out(), first)
+        begin()
+    return first
+
+
+def _flat(values: Any) -> Any:
+    return np.ascontiguousarray(np.asarray(values, dtype=float).ravel(order="F"))
+
+
+def _hand(setter: Any, names: Sequence[str], arrays: dict[str, Any]) -> None:
+    """Give a Function's buffer the arrays by name; what is empty stays a null pointer."""
+    for name, array in arrays.items():
+        if array.size:
+            setter(names.index(name), memoryview(array))

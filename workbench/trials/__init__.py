@@ -1,0 +1,1 @@
+"""Running a study: what is drawn, the recorder, common metrics and figures."""

@@ -1,0 +1,77 @@
+"""Studies by name, from the entry points of what is installed, and a study in a user's own file."""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import importlib.util
+import sys
+import traceback
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any
+
+from models.quantity import InvalidValue
+from workbench.contracts.study import Study
+
+GROUP = "workbench.studies"
+"""The entry points that name studies: ``name = "package.module:STUDY"``."""
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of the studies that are installed, in alphabetical order."""
+    return tuple(sorted(entry_points(group=GROUP).names))
+
+
+def title(name: str) -> str:
+    """Return what an installed study is, in one line, without importing it: its module's docstring begins with it."""
+    spec = importlib.util.find_spec(_entry(name).module)
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        return ""
+    document = ast.get_docstring(ast.parse(Path(spec.origin).read_text(encoding="utf-8"))) or ""
+    return document.partition("\n")[0].rstrip(".")
+
+
+def find(name: str) -> Any:
+    """Return a study: an installed one by name, or the ``study`` of a Python file by its path.
+
+    Raises InvalidValue for an unknown name, and for a file that is missing, fails or declares no study.
+    """
+    if name.endswith(".py"):
+        return _from_file(Path(name))
+    return _entry(name).load()
+
+
+def _entry(name: str) -> EntryPoint:
+    found = entry_points(group=GROUP, name=name)
+    if found:
+        return next(iter(found))
+    known = names()
+    near = difflib.get_close_matches(name, known, n=1)
+    hint = (
+        f"did you mean {near[0]}?" if near else f"the studies are: {', '.join(known) or 'none, as none is installed'}"
+    )
+    raise InvalidValue(f"there is no study {name!r}; {hint} (a study of your own is given as a .py file)")
+
+
+def _from_file(file: Path) -> Any:
+    if not file.is_file():
+        raise InvalidValue(f"a study of your own is given as an existing .py file, got {file}")
+    spec = importlib.util.spec_from_file_location(f"study_{abs(hash(file.resolve()))}", file)
+    assert spec is not None and spec.loader is not None, "a .py file always has a loader"
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except InvalidValue:
+        raise
+    except (Exception, SystemExit) as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [frame.lineno for frame in frames if Path(frame.filename).resolve() == file.resolve()]
+        at = f"{file}, line {lines[-1]}," if lines else file
+        message = (str(error).strip() or "no message").splitlines()[0]
+        raise InvalidValue(f"{at} failed: {type(error).__name__}: {message}") from error
+    found = getattr(module, "study", None)
+    if not isinstance(found, Study):
+        raise InvalidValue(f"{file} must declare a variable named study, as in: study = TrialStudy(...)")
+    return found

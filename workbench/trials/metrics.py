@@ -1,0 +1,68 @@
+"""Metrics of a run, from its Dataset alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from workbench.contracts.study import Scores
+
+
+def finite(value: Any) -> float | None:
+    """Return a finite float, or None for what does not exist or is not finite."""
+    number = float(value)
+    return number if np.isfinite(number) else None
+
+
+def _peak(values: Any) -> float | None:
+    """Return the largest magnitude of what is not missing."""
+    magnitudes = np.abs(values[~np.isnan(values)])
+    return finite(magnitudes.max()) if magnitudes.size else None
+
+
+def applied_inputs(data: xr.Dataset, controller: str) -> Any:
+    """Return the inputs that were applied, shape (trial, sample): the plan beyond a trial's end is NaN."""
+    inputs = data["input"].sel(controller=controller).values
+    return np.where(data["sample"].values[None, :] < data["trial_length"].values[:, None], inputs, np.nan)
+
+
+def trial_scores(study: Any, data: xr.Dataset) -> Scores:
+    """Return the common metrics of a study made of trials, by controller.
+
+    mse_trial_1, mse_trial_50, mse_trial_100, mse_last, mse_max: mean square errors; mse_always_reached_last: that
+    of the last trial over samples 1..T_min; max_abs_error_last; diverged_at_trial (None if it did not).
+    """
+    least = study.trial_length.least(study.horizon)
+    scores: Scores = {}
+    for controller in data["controller"].values:
+        one = data.sel(controller=controller)
+        mse = one["mse"].values
+        error = one["error"].values
+        always = error[-1, 1 : least + 1]
+        diverged = finite(one["diverged_at_trial"])
+        metrics: dict[str, float | None] = {
+            f"mse_trial_{i}": finite(mse[i - 1]) if mse.size >= i else None for i in (1, 50, 100)
+        }
+        metrics |= {
+            "mse_last": finite(mse[-1]),
+            "mse_always_reached_last": finite(np.mean(always**2)),
+            "mse_max": None if diverged or np.isnan(mse).any() else finite(mse.max()),
+            "max_abs_error_last": _peak(error[-1]),
+            "diverged_at_trial": diverged,
+        }
+        scores[str(controller)] = metrics
+    return scores
+
+
+def train_scores(study: Any, data: xr.Dataset) -> Scores:
+    """Return max_abs_input_n (N) and max_abs_accel_mps2 (m/s^2) over all trials, applied samples only."""
+    per_second = study.plant.speed_factor * study.plant.sampling_time
+    return {
+        str(controller): {
+            "max_abs_input_n": _peak(applied_inputs(data, controller)),
+            "max_abs_accel_mps2": _peak(np.diff(data["output"].sel(controller=controller).values) / per_second),
+        }
+        for controller in data["controller"].values
+    }
