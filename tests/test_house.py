@@ -7,6 +7,7 @@ import dataclasses
 import importlib
 import inspect
 import pkgutil
+import re
 import sys
 from pathlib import Path
 
@@ -154,6 +155,25 @@ def test_models_stand_on_casadi_and_numpy_only():
     for path in (ROOT / "models").glob("*.py"):
         extra = {"control"} if path.stem == "control_systems" else set()
         assert imported(path) <= allowed | extra, path
+
+
+def test_one_room_reads_casadis_instructions():
+    readers = {
+        dotted(path)
+        for path in SOURCES
+        if re.search(r"\binstructions?_(id|input|output|constant|sx|MX)\b", path.read_text())
+    }
+    assert readers == {"workbench.graph.reading"}
+
+
+def test_the_graph_stands_alone():
+    for path in (ROOT / "workbench" / "graph").glob("*.py"):
+        assert (
+            re.findall(
+                r"^\s*(?:from|import) (?:models|verification|studies|workbench(?!\.graph))", path.read_text(), re.M
+            )
+            == []
+        )
 
 
 def test_modules_are_short():

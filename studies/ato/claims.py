@@ -11,9 +11,10 @@ import casadi as ca
 import numpy as np
 
 from studies.ato.scores import FOUR, better_all_four, indices
-from verification.checks.continuity import continuous_by_composition, find_jump
+from verification.checks.jump import find_jump
 from verification.checks.linear_loop import critical_gain, incremental_pid
 from verification.checks.relative_degree import relative_degree
+from verification.enclosure.smoothness import continuous_everywhere
 from workbench.contracts.examination import Examination, Table
 from workbench.contracts.verdict import Claim, Finding, Standing, Verdict, undecided
 from workbench.controllers.parts import immune
@@ -169,7 +170,7 @@ def f_continuous(kind: str) -> Finding:
     """Check whether a stimulus is continuous on [-1, 1]^2 and beyond."""
     u, du = ca.SX.sym("u"), ca.SX.sym("du")
     f = ca.Function("stimulus", [u, du], [immune.stimulus(kind, u, du)], ["u", "du"], ["f"])
-    if continuous_by_composition(f):
+    if continuous_everywhere(f):
         return Finding(
             standing=Standing.PROVED, method="composed of sums, products and tanh, which are continuous everywhere"
         )
