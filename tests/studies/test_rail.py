@@ -8,6 +8,9 @@ import xarray as xr
 
 from models.point_mass import PointMass
 from studies.rail.scores import RIDE, ride_scores, train_scores
+from workbench.design.comparison import comparison
+from workbench.design.table import headings
+from workbench.trials import find
 from workbench.trials.study import TrialStudy
 
 N, TS = 20, 0.1
@@ -73,3 +76,10 @@ def test_a_law_that_diverged_has_no_ride():
     gone = np.where(np.arange(N + 1) < 5, 1.0, np.nan)
     found = ride_scores(study(), ride(gone, np.where(np.arange(N) < 5, 1.0, np.nan)))["law"]
     assert set(found.values()) == {None}
+
+
+@pytest.mark.parametrize("name", ["metro", "same-plant"])
+def test_a_comparison_of_laws_on_the_train_shows_the_ride(name):
+    shown = list(headings(comparison(find.find(name))).values())
+    ride = ["jerk (m/s^3)", "energy (kWh)", "force peak (N)"]
+    assert shown == ["MSE, mean over trials", "final MSE", "trials needed", *ride, "solves"]
