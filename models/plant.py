@@ -25,7 +25,7 @@ class Signal(NamedTuple):
 
 
 def signals(**units: str | tuple[str, str]) -> tuple[Signal, ...]:
-    """Name signals with their units: ``signals(speed="m/s", position=("m", "front of the train"))``."""
+    """Name signals with their units: ``signals(speed="m/s", position=("m", "front of the vehicle"))``."""
     return tuple(Signal(name, unit) if isinstance(unit, str) else Signal(name, *unit) for name, unit in units.items())
 
 

@@ -16,7 +16,7 @@ import xarray as xr
 from models.metro_line import MetroLine
 from models.plant import Plant
 from models.quantity import count, declared, given, part, quantity, switch
-from models.reference import StationRun
+from models.station_runs import StationRun
 from workbench.contracts.study import Progress, Scores
 from workbench.controllers.fixed_gain import FixedGain
 from workbench.controllers.variable_gain import VariableGain

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from models.line import FLAT, HILLY, Line
+from models.metro_profile import MetroProfile, metro_speed
 from models.plant import Plant, signals
 from models.point_mass import PointMass
 from models.quantity import InvalidValue, declared, quantity, symbolised
-from models.reference import MetroProfile, metro_speed
 
 
 @declared

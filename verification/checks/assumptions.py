@@ -1,7 +1,7 @@
 """The assumptions of model-free adaptive ILC, checked on the symbolic plant and on what a campaign left.
 
-Numbered as in Jiao & Hou (2025): A1 (df/du exists and is continuous), A2 (generalised Lipschitz condition along
-trials), A3 (trial lengths), A4 (sign of the PPD), Lemma 1 (the data model). Each check returns a Finding.
+Numbered as in doi 10.7641/CTA.2024.30465: A1 (df/du exists and is continuous), A2 (generalised Lipschitz condition
+along trials), A3 (trial lengths), A4 (sign of the PPD), Lemma 1 (the data model). Each check returns a Finding.
 """
 
 from __future__ import annotations

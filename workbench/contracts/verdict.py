@@ -53,7 +53,7 @@ class Claim:
     """A statement of a paper (or its repair), and the check that looks at it."""
 
     name: str
-    """Dotted, beginning with the study: ``metro.A4.printed``."""
+    """Dotted, beginning with the study: ``NAME.A4.printed``."""
     statement: str
     source: str
     """Paper and equation or assumption."""

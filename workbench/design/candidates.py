@@ -153,8 +153,8 @@ def _tracking_mpc(s: Scale, plant: Plant) -> Candidate:
 
 
 @dataclasses.dataclass(frozen=True)
-class KnownTrain:
-    """What a law may know of a train: its nominal mass and running resistance, in kg, N and m/s."""
+class KnownPlant:
+    """What a law may know of a plant that has a mass and a running resistance, in kg, N and m/s."""
 
     plant: Any
     speed_unit: float
@@ -164,20 +164,25 @@ class KnownTrain:
         """The nominal mass in kg."""
         return float(self.plant.mass)
 
+    @property
+    def sampling_time(self) -> float:
+        """The sampling time in s."""
+        return float(self.plant.sampling_time)
+
     def running_resistance(self, v: Any) -> Any:
         """Return the resistance in N at v in m/s, at the trial's first sample."""
         return self.plant.running_resistance(v * self.speed_unit, 0)
 
 
-def _known_train(plant: Any) -> KnownTrain | None:
+def _known_plant(plant: Any) -> KnownPlant | None:
     if not isinstance(getattr(plant, "mass", None), float) or not hasattr(plant, "running_resistance"):
         return None
-    return KnownTrain(plant, float(getattr(plant, "speed_factor", 1.0)))
+    return KnownPlant(plant, float(getattr(plant, "speed_factor", 1.0)))
 
 
 def _palc(s: Scale, plant: Plant) -> Candidate:
-    model = _known_train(plant)
-    law = Odometry(law=PALC(model=model), speed_unit=model.speed_unit if model else 1.0)  # type: ignore[arg-type]
+    model = _known_plant(plant)
+    law = Odometry(law=PALC(model=model), speed_unit=model.speed_unit if model else 1.0)
     ranges = {"law.alpha": (0.05, 20.0), "law.lam": (1e-3, 5.0), "law.gamma": (1e-3, 5.0)}
     return Candidate(law=law, ranges=ranges)
 

@@ -35,7 +35,7 @@ class DelayedPlant:
         If shapes do not fit, an entry is not finite, the delay is not a whole number of samples, or the plant is
         not stabilisable.
 
-    Source: Liu et al. 2022, doi 10.16383/j.aas.c200039, (9). The delayed input in the state is u(k-l-1); the printed
+    Source: doi 10.16383/j.aas.c200039, (9). The delayed input in the state is u(k-l-1); the printed
     u(k-l) contradicts the printed b.
     """
 

@@ -38,7 +38,7 @@ def axis_label(variable: xr.DataArray) -> str:
 
 
 def pretty(unit: str) -> str:
-    """Return a unit as it is typeset: (km/h)^2 with a raised two."""
+    """Return a unit as it is typeset: (m/s)^2 with a raised two."""
     return unit.replace("^2", "²").replace("^3", "³")
 
 

@@ -15,7 +15,7 @@ from models.plant import Plant, Signal
 from models.quantity import InvalidValue, count, declared, given, part, quantity
 from models.reference import Given
 from workbench.contracts.law import Choosy, Controller, Telling
-from workbench.contracts.study import Progress, Scores
+from workbench.contracts.study import Measures, Progress, Scores
 from workbench.fold.fold import Fold, TrialInput, TrialRecord, build, stream
 from workbench.fold.machine_code import compiled
 from workbench.trials.drawn import AtRest, SpeedNoise, Undisturbed
@@ -68,6 +68,7 @@ class TrialStudy:
     continues: bool = given(default=False, doc="whether a trial begins in the state that the last one ended in")
     sweeps: tuple[Sweep, ...] = given(default=(), doc="fields varied besides")
     scorers: tuple[Callable[[Any, xr.Dataset], Scores], ...] = given(default=(), doc="metrics beyond the common ones")
+    compared: tuple[Measures, ...] = given(default=(), doc="what a comparison of laws on this plant measures besides")
     watch: Callable[[], Callable[[TrialRecord, Any], str | None]] | None = given(
         default=None, doc="makes a further watch: given a trial and the reference, why the law has diverged, or None"
     )

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
 from models.quantity import InvalidValue, declared
-from models.reference import MetroProfile
 from studies.metro.study import STUDY
 from workbench.contracts.law import constant_row
 from workbench.controllers import CFDL, ICFDL, PD
