@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from models.actuator import Delayed
+from models.discretise import euler, rk4
 from models.line import FLAT, HILLY, Line
 from models.plant import Plant, signals
 from models.point_mass import PointMass
@@ -340,3 +341,15 @@ def test_a_step_of_the_wrong_shape_is_refused(given, message):
 
     with pytest.raises(InvalidValue, match=message):
         Cart().step_function()
+
+
+@pytest.mark.parametrize(("method", "order"), [(euler, 1), (rk4, 4)])
+def test_integrators_have_their_order(method, order):
+    """Error against the solution of dx/dt = t - x, x(0) = 1: substeps twice as fine make it 2^order times smaller."""
+    exact = 2 * np.exp(-0.8) - 0.2
+
+    def error(substeps):
+        return abs(float(method(lambda x, t: t - x, ca.DM(1.0), 0.0, 0.8, substeps)) - exact)
+
+    assert error(8) < 0.1
+    assert error(8) / error(16) == pytest.approx(2**order, rel=0.12)

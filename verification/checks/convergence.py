@@ -12,7 +12,6 @@ from models.plant import Plant
 from verification.checks.assumptions import lifted_along
 from verification.checks.domain import described
 from verification.checks.row_sums import slope_bounds
-from verification.enclosure.bounds import bound
 from verification.enclosure.box import Box
 from workbench.contracts.law import Stateful
 from workbench.contracts.verdict import Finding, Standing, undecided
@@ -341,9 +340,3 @@ def predicted_mse(found: Monotone, e0: Any, lengths: Any, signal_sum: bool) -> A
         known = np.where(np.arange(e.size) < length, e, 0.0)
         u = u + found.gain @ known
     return result
-
-
-def box_gain(plant: Plant, box: Box) -> float:
-    """Return sup |dy(k+1)/du(k)| over the box, rounded up; infinite where it cannot be bounded."""
-    found = bound(plant.derivative("u", of="y_next"), box, budget=600)
-    return max(abs(found.lower), abs(found.upper))

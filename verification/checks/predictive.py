@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -34,10 +33,6 @@ def starts(law: RMPC | RSMPC, number: int, *, seed: int) -> Iterator[Array]:
         direction = random.normal(size=center.size)
         reach = problem.edge(center, direction).distance
         yield center + (0.999, 0.7, 0.4, 0.1)[index % 4] * reach * direction
-
-
-def _best(law: RMPC | RSMPC, e: Array) -> Any:
-    return law.plan(e) if isinstance(law, RMPC) else law.plan(e, 1)
 
 
 def nominal_decrease(law: RMPC, *, runs: int = 12, steps: int = 25, seed: int = 0) -> Finding:
