@@ -26,6 +26,7 @@ from verification.report.notation import clean
 from verification.report.typeset import Typeset, typeset
 from workbench.contracts import settings
 from workbench.contracts.examination import Figure, Table
+from workbench.contracts.number import finite
 from workbench.contracts.study import Progress
 from workbench.contracts.verdict import Standing, Verdict
 from workbench.trials import progress
@@ -116,7 +117,7 @@ def scores_json(report: Report) -> dict[str, Any]:
     content = report.campaign.scores_json()
     for controller, metrics in report.scores.items():
         row = content["scores"].setdefault(controller, {})
-        row.update({name: _finite(value) for name, value in metrics.items()})
+        row.update({name: finite(value) for name, value in metrics.items()})
     return content
 
 
@@ -277,10 +278,6 @@ def _stopped(report: Report) -> list[tuple[str, str]]:
         return []
     reasons = zip(data["controller"].values, data["stopped"].values, strict=True)
     return [(str(controller), str(reason)) for controller, reason in reasons if reason]
-
-
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def _text(file: Path, content: str) -> None:

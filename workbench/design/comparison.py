@@ -14,6 +14,7 @@ from models.actuator import Actuator
 from models.plant import Plant
 from models.quantity import InvalidValue, count, declared, given, part, quantity
 from workbench.contracts.law import Choosy, Learning
+from workbench.contracts.number import finite
 from workbench.contracts.study import Progress, Scores
 from workbench.controllers.odometry import Odometry
 from workbench.design.candidates import Candidate, candidates
@@ -192,12 +193,12 @@ class Comparison:
         near = np.flatnonzero(mse > NEAR_FINAL * mse[-1]) if whole and learns(law) else np.zeros(0)
         power = np.maximum(force * (speed[:-1] + speed[1:]) / 2, 0.0)
         return {
-            "mse": _number(mse.mean()),
-            "mse_last": _number(mse[-1]),
+            "mse": finite(mse.mean()),
+            "mse_last": finite(mse[-1]),
             "trials_needed": (float(near[-1] + 2) if near.size else 1.0) if whole else None,
-            "max_jerk": _number(np.abs(np.diff(speed, 2)).max() / ts**2),
-            "energy_kwh": _number(power.sum() * ts / JOULES_PER_KWH),
-            "force_peak": _number(np.abs(force).max()),
+            "max_jerk": finite(np.abs(np.diff(speed, 2)).max() / ts**2),
+            "energy_kwh": finite(power.sum() * ts / JOULES_PER_KWH),
+            "force_peak": finite(np.abs(force).max()),
             "solves": float(getattr(law, "solves_per_sample", 0) * (speed.size - 1) * mse.size),
             "evaluations": float(one.sizes["evaluation"]),
         }
@@ -212,11 +213,6 @@ class Comparison:
 def learns(law: Any) -> bool:
     """Tell whether a law learns between trials, looking into an adapter."""
     return isinstance(law.law if isinstance(law, Odometry) else law, Learning)
-
-
-def _number(value: Any) -> float | None:
-    number = float(value)
-    return number if np.isfinite(number) else None
 
 
 def _tuning_seed(seed: int) -> int:
