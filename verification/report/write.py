@@ -20,7 +20,7 @@ import jinja2
 from markupsafe import Markup
 
 from models.plant import Plant
-from models.quantity import InvalidValue, is_declared, quantities
+from models.quantity import InvalidValue, Quantity, is_declared, walked
 from verification.report.junit import junit
 from verification.report.notation import clean
 from verification.report.typeset import Typeset, typeset
@@ -297,18 +297,15 @@ def _equations(study: Any) -> Iterator[Equations]:
 
 def _plants_of(study: Any) -> list[tuple[str, Plant]]:
     """Return the plants that a study declares; of one that declares none, what it calls its plant."""
-    found = list(_plants(study)) if is_declared(study) else []
+    fields = walked(study, _may_hold_plants) if is_declared(study) else ()
+    found = [(path, value) for path, _, value in fields if isinstance(value, Plant)]
     own = getattr(study, "plant", None)
     return found or ([("plant", own)] if isinstance(own, Plant) else [])
 
 
-def _plants(thing: Any, prefix: str = "") -> Iterator[tuple[str, Plant]]:
-    """Yield the plants that a study declares, outermost only, with their paths."""
-    for name, spec, value in quantities(thing):
-        if isinstance(value, Plant):
-            yield f"{prefix}{name}", value
-        elif spec.kind == "part" and is_declared(value):
-            yield from _plants(value, f"{prefix}{name}.")
+def _may_hold_plants(spec: Quantity, value: Any) -> bool:
+    """Tell whether to look into a field: not into a plant, whose own plant is told with it."""
+    return spec.kind == "part" and is_declared(value) and not isinstance(value, Plant)
 
 
 def _drawn(report: Report, folder: Path, shown: Progress) -> list[Drawn]:
