@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from workbench.contracts.number import finite
 from workbench.contracts.study import Measures, Scores
-from workbench.trials.metrics import acting_inputs, applied_inputs, finite, peak
+from workbench.trials.metrics import acting_inputs, applied_inputs, peak
 
 JOULES_PER_KWH = 3.6e6
 

@@ -16,7 +16,6 @@ from studies.ato.claims import examine, f_continuous
 from studies.ato.study import STUDY
 from verification.checks.jump import find_jump
 from verification.checks.linear_loop import critical_gain, incremental_pid
-from verification.checks.relative_degree import relative_degree
 from verification.decide.verify import verify
 from verification.enclosure.smoothness import continuous_everywhere
 from workbench.contracts.verdict import Standing
@@ -110,13 +109,6 @@ def test_claims_that_hold_are_refuted_by_records_that_break_them():
     found = standings(verify(Campaign(done.study, data), examine(Campaign(done.study, data)), show_progress=False))
     for claim in ("jerk_limit", "critical_gain", "network_learns", "better_than_fipid"):
         assert found[claim, "bp-fipid"] is REFUTED, claim
-
-
-@pytest.mark.parametrize(("samples", "degree"), [(0, 1), (1, 2), (5, 6)])
-def test_relative_degree(samples, degree):
-    found = relative_degree(delayed(Transfer(numerator=(0.5,)), 0.2 * samples))
-    assert found.degree == degree and found.slope == pytest.approx(0.5 * (1 - np.exp(-0.2)), rel=1e-12)
-    assert relative_degree(delayed(Transfer(), 4.0), most=10) is None
 
 
 @pytest.mark.parametrize(("kind", "standing"), [("rules", REFUTED), ("smooth", PROVED)])

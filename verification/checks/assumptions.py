@@ -20,6 +20,7 @@ from verification.enclosure.bounds import bound, prove_positive
 from verification.enclosure.box import Box
 from verification.enclosure.reach import Reach
 from verification.enclosure.smoothness import continuous_on
+from workbench.contracts.number import finite
 from workbench.contracts.verdict import Finding, Standing, undecided
 from workbench.evidence.lifted import Lifted
 from workbench.evidence.ppd import Evidence, gain_unit, learned_signal, units_of
@@ -229,7 +230,7 @@ def lipschitz_lifted(plant: Plant, evidence: Evidence, box: Box) -> Finding:
             )
     return Finding(
         standing=Standing.SUPPORTED if np.isfinite(p) else Standing.UNDECIDED,
-        margin=p if np.isfinite(p) else None,
+        margin=finite(p),
         unit=gain_unit(*units_of(plant)),
         witness=witness,
         method="row sums of |G| along the trajectory of the last trial's plan, run to the horizon; the margin is p",

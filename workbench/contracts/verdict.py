@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from typing import Any
+
+from workbench.contracts.number import finite
 
 
 class Standing(StrEnum):
@@ -103,7 +104,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, int):
         return value
     try:
-        number = float(value)
+        return finite(value)
     except (TypeError, ValueError, RuntimeError):
         return str(value)
-    return number if math.isfinite(number) else None

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from models.plant import Plant
-from models.quantity import InvalidValue, declared, given, part
-from workbench.contracts.settings import changed
+from models.quantity import InvalidValue, declared, given, nested, part
+from workbench.contracts.settings import changed, rows
 from workbench.controllers import CFDL, ICFDL, PD, Increment
 from workbench.controllers.bp_fipid import BPFIPID
 from workbench.controllers.fipid import FIPID
@@ -37,31 +37,23 @@ class Candidate:
 
     def check(self) -> None:
         """Raise InvalidValue for a range of a setting that the law does not have."""
+        numbers = self._numbers()
         for name in self.ranges:
-            if not isinstance(_read(self.law, name), float):
+            if name not in numbers:
                 raise InvalidValue(f"{type(self.law).__name__} has no number {name!r} to tune")
 
     @property
     def first(self) -> dict[str, float]:
         """The settings that tuning starts from, by path."""
-        return {name: float(_read(self.law, name)) for name in self.ranges}
+        numbers = self._numbers()
+        return {name: numbers[name] for name in self.ranges}
 
     def tuned(self, settings: Mapping[str, float]) -> Any:
         """Return the law with other settings, given by path (``law.alpha`` for a law within a law)."""
-        changes: dict[str, Any] = {}
-        for path, value in settings.items():
-            *above, last = path.split(".")
-            node = changes
-            for step in above:
-                node = node.setdefault(step, {})
-            node[last] = value
-        return changed(self.law, changes)
+        return changed(self.law, nested(settings))
 
-
-def _read(thing: Any, path: str) -> Any:
-    for name in path.split("."):
-        thing = getattr(thing, name, None)
-    return thing
+    def _numbers(self) -> dict[str, float]:
+        return {row.path: row.value for row in rows(self.law) if isinstance(row.value, float)}
 
 
 class Scale(NamedTuple):

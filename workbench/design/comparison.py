@@ -14,6 +14,7 @@ from models.actuator import Actuator
 from models.plant import Plant
 from models.quantity import InvalidValue, count, declared, given, part, quantity
 from workbench.contracts.law import Choosy, Learning
+from workbench.contracts.number import finite
 from workbench.contracts.study import Measures, Progress, Scores
 from workbench.controllers.odometry import Odometry
 from workbench.design.candidates import Candidate, candidates
@@ -190,8 +191,8 @@ class Comparison:
         whole = bool(np.isfinite(mse).all())
         near = np.flatnonzero(mse > NEAR_FINAL * mse[-1]) if whole and learns(law) else np.zeros(0)
         learned = {
-            "mse": _number(mse.mean()),
-            "mse_last": _number(mse[-1]),
+            "mse": finite(mse.mean()),
+            "mse_last": finite(mse[-1]),
             "trials_needed": (float(near[-1] + 2) if near.size else 1.0) if whole else None,
         }
         spent: dict[str, float | None] = {
@@ -210,11 +211,6 @@ class Comparison:
 def learns(law: Any) -> bool:
     """Tell whether a law learns between trials, looking into an adapter."""
     return isinstance(law.law if isinstance(law, Odometry) else law, Learning)
-
-
-def _number(value: Any) -> float | None:
-    number = float(value)
-    return number if np.isfinite(number) else None
 
 
 def _tuning_seed(seed: int) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.quantity import InvalidValue
-from workbench.predictive.regulator import unstabilizable
+from workbench.predictive.regulator import require_stabilizable
 from workbench.sets import Zonotope, reachable
 from workbench.sets.array import Array, checked
 
@@ -58,12 +58,7 @@ class DelayedPlant:
         if len(names) != b.size:
             raise InvalidValue(f"names must name each of the {b.size} states, got {len(names)}")
         object.__setattr__(self, "names", names)
-        stuck = unstabilizable(A, b)
-        if stuck.size:
-            raise InvalidValue(
-                f"(A, b) must be stabilisable, got the eigenvalue {stuck[0]:.6g} that b does not reach; "
-                "leave that state out or add an input"
-            )
+        require_stabilizable(A, b)
 
     @property
     def order(self) -> int:

@@ -47,6 +47,14 @@ def ran(data: xr.Dataset) -> list[str]:
     return [str(c) for c in data["controller"].values if data["mse"].sel(controller=c).notnull().any()]
 
 
+def by_trial(axes: Any, data: xr.Dataset, values: Callable[[str], Any]) -> None:
+    """Draw ``values(controller)``, one a trial, of every controller: on a log scale, with a mark at every trial."""
+    for index, name in enumerate(ran(data)):
+        axes.semilogy(
+            data["trial"], values(name), **styled(index), marker=MARKERS[index % len(MARKERS)], markersize=4, label=name
+        )
+
+
 def trial_figures(study: Any, data: xr.Dataset) -> Mapping[str, Callable[[], Any]]:
     """Return the figures that every study made of trials has."""
     figures: dict[str, Callable[[], Any]] = {

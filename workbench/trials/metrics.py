@@ -7,13 +7,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from workbench.contracts.number import finite
 from workbench.contracts.study import Scores
-
-
-def finite(value: Any) -> float | None:
-    """Return a finite float, or None for what does not exist or is not finite."""
-    number = float(value)
-    return number if np.isfinite(number) else None
 
 
 def peak(values: Any) -> float | None:

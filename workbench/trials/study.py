@@ -18,7 +18,7 @@ from workbench.contracts.law import Choosy, Controller, Telling
 from workbench.contracts.study import Measures, Progress, Scores
 from workbench.fold.fold import Fold, TrialInput, TrialRecord, build, stream
 from workbench.fold.machine_code import compiled
-from workbench.trials.drawn import AtRest, SpeedNoise, Undisturbed
+from workbench.trials.drawn import AtRest, Disturbance, Initial, Noise, SpeedNoise, Undisturbed
 from workbench.trials.length import TrialLength
 from workbench.trials.metrics import trial_scores
 
@@ -54,9 +54,9 @@ class TrialStudy:
     controllers: Mapping[str, Any] = part(doc="the controllers by name")
     trials: int = count(default=150, doc="number of trials, the first included", least=1, most=100_000)
     trial_length: TrialLength = part(default=TrialLength(law="fixed"), doc="how long trials last")
-    noise: Any = part(default=SpeedNoise(), doc="measurement noise")
-    disturbance: Any = part(default=Undisturbed(), doc="what disturbs the plant")
-    initial: Any = part(default=AtRest(), doc="where trials begin")
+    noise: Noise = part(default=SpeedNoise(), doc="measurement noise")
+    disturbance: Disturbance = part(default=Undisturbed(), doc="what disturbs the plant")
+    initial: Initial = part(default=AtRest(), doc="where trials begin")
     seed: int = count(default=0, doc="seed of everything random", most=2**53)
     divergence_factor: float = quantity(
         default=1000.0,
