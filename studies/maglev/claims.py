@@ -10,49 +10,18 @@ import casadi as ca
 import numpy as np
 
 from studies.maglev import lyapunov, period_contraction
+from studies.maglev.evidence import LAGGING, NOISY, Evidence
 from studies.maglev.figures import error_by_period, figures
-from studies.maglev.period_contraction import Loop
+from studies.maglev.published import PUBLISHED_GAIN, PUBLISHED_STEP, tables
 from studies.maglev.reversal import turns
-from workbench.contracts import settings
-from workbench.contracts.examination import Examination, Figure, Table
+from workbench.contracts.examination import Examination, Figure
 from workbench.contracts.verdict import Claim, Finding, Standing, Verdict, undecided
 from workbench.controllers.parts.shuttle_force import errors
-from workbench.evidence.variants import Variants
 from workbench.trials.campaign import Campaign
 
 PAPER = "Zhang, Nan, Cao et al., PALC of a maglev train"
-LAGGING = ("actuator.lag=0.4", "actuator.delay=0.6")
-NOISY = ("noise.force_psd=1e6",)
-PUBLISHED_GAIN, PUBLISHED_STEP = 2e12, 1e-5
-"""k_res as published, read in N per m/s, and the step of the published simulation in s."""
 SLACK = 0.01
 """Growth a period that ``period_contraction`` lets pass: holding the force over a sample costs some 0.1 %."""
-
-
-class Evidence(Variants):
-    """A campaign of the study and its variants, and what predicts a learner's change from period to period."""
-
-    @property
-    def learners(self) -> list[str]:
-        """The controllers that learn, by name."""
-        return [name for name, law in self.study.controllers.items() if hasattr(law, "gamma")]
-
-    def loop(self, name: str, assignments: tuple[str, ...] = ()) -> Loop:
-        """Return what predicts a law's change from period to period."""
-        study = settings.assigned(self.study, assignments)
-        law = study.controllers[name]
-        filtered = hasattr(law, "lead_s")
-        return Loop(
-            alpha=law.alpha,
-            lam=law.lam,
-            gamma=law.gamma,
-            lag=study.actuator.lag,
-            delay=study.actuator.delay,
-            step=float(study.plant.sampling_time),
-            filtered=filtered,
-            cutoff_hz=law.q_cutoff_hz if filtered else None,
-            lead=law.lead_s if filtered else 0.0,
-        )
 
 
 def examine(campaign: Campaign, *, full: bool = False) -> Examination:
@@ -94,7 +63,7 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
         claims=claims,
         conclude=conclude,
         figures=partial(_figures, evidence),
-        tables=partial(_tables, evidence),
+        tables=partial(tables, evidence),
     )
 
 
@@ -334,50 +303,3 @@ def _figures(evidence: Evidence) -> Mapping[str, Figure]:
             )
         },
     }
-
-
-def _tables(evidence: Evidence) -> Sequence[Table]:
-    scores = evidence.campaign.scores()
-    noisy = evidence.variant(*NOISY).scores()
-    lagging = evidence.variant(*LAGGING).scores()
-
-    def shown(table: Any, name: str, metric: str, unit: str) -> str:
-        value = table.get(name, {}).get(metric)
-        return f"{name}: -" if value is None else f"{name}: {value:.3g} {unit}"
-
-    def all_of(table: Any, metric: str, unit: str, names: Sequence[str]) -> str:
-        return "; ".join(shown(table, name, metric, unit) for name in names if name in table)
-
-    error, names = "max_position_error_last", list(scores)
-    ratio = "-"
-    pid, palc = (scores.get(name, {}).get("itae_last") for name in ("pid", "palc"))
-    if pid and palc:
-        ratio = f"{pid / palc:.0f}"
-    rows = [
-        ("max position error, PID", "3.12 m", all_of(scores, error, "m", ["pid"]), "the line is ours, chosen near it"),
-        (
-            "max position error, PALC, last period",
-            "0.03 m",
-            all_of(scores, error, "m", evidence.learners),
-            "sixteen periods of learning from lost gains: ours",
-        ),
-        ("ITAE, PID over PALC", "plotted only", ratio, ""),
-        (
-            "energy against PID",
-            "-0.2 %",
-            all_of(scores, "energy_change_percent", "%", evidence.learners),
-            "the sign is robust; the size depends on the line",
-        ),
-        (
-            "max position error under noise",
-            "3.22 m, 0.01 m",
-            all_of(noisy, error, "m", names),
-            "published as better with noise than without; noise cannot be learned",
-        ),
-        ("lag 0.4 s, dead time 0.6 s", "not considered", all_of(lagging, error, "m", names), "a loop gain above 1"),
-    ]
-    for wrong in ("0.1", "1"):
-        table = evidence.variant(f"period_error={wrong}").scores()
-        rows.append((f"period wrong by {wrong} s", "not considered", all_of(table, error, "m", evidence.learners), ""))
-    header = ("quantity", "published", "measured", "why they differ")
-    return [Table(title="Published and measured", header=header, rows=rows)]

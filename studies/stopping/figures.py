@@ -11,7 +11,7 @@ import xarray as xr
 from matplotlib import pyplot as plt
 from matplotlib.patches import Rectangle
 
-from studies.stopping.record import UPDATE
+from studies.stopping.scores import UPDATE
 from workbench.sets import Polytope, minimal_rpi
 from workbench.trials.figures import COLOURS, MARKERS, STYLE, axis_label, styled
 

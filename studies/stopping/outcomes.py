@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from models.brake import Brake
-from studies.stopping.record import UPDATE
 from studies.stopping.run import Truth, brake_to_stop, stepping
+from studies.stopping.scores import UPDATE
 from studies.stopping.study import Stopping
 from workbench.contracts.verdict import Finding, Standing
 from workbench.controllers.rsmpc import RSMPC

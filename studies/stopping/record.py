@@ -1,4 +1,4 @@
-"""The record of a stopping study: its Dataset and its metrics."""
+"""The record of a stopping study: its Dataset, and what it says of the predicted error."""
 
 from __future__ import annotations
 
@@ -9,13 +9,6 @@ import numpy as np
 import xarray as xr
 
 from studies.stopping.run import Stop
-from workbench.contracts.number import finite
-from workbench.contracts.study import Scores
-
-UPDATE = 1e-6
-"""|du| above which a sample counts as an update of the command."""
-SWITCH = 1e-3
-"""|du| above which it counts as a switch of the brake."""
 
 ROWS = {
     "speed": ("m/s", "speed"),
@@ -84,29 +77,3 @@ def bound_excess(study: Any, data: xr.Dataset) -> Any:
     bounds = study.design.X_z
     rows = [predicted_errors(study, data.sel(controller=name)) for name in data["controller"].values]
     return np.stack([(e @ bounds.H.T - bounds.h).max(axis=1) for e in rows])
-
-
-def scores(study: Any, data: xr.Dataset) -> Scores:
-    """Return the metrics of every law.
-
-    stop_error_cm; rms_speed_error, max_speed_error (m/s); updates, switches: samples whose |du| exceeds 1e-6, 1e-3;
-    max_jerk (m/s^3) of the brake; total_variation of the command; qps_solved; infeasible: samples without a plan.
-    """
-    result: Scores = {}
-    for name in data["controller"].values:
-        one = data.sel(controller=name)
-        kept = one["speed"].notnull().values
-        error, du = one["speed_error"].values[kept], np.abs(one["increment"].values[kept])
-        stop = float(one["stop_position"]) - study.curve.stop_position
-        result[str(name)] = {
-            "stop_error_cm": finite(100 * stop),
-            "rms_speed_error": finite(np.sqrt(np.mean(error**2))),
-            "max_speed_error": finite(np.abs(error).max()),
-            "updates": float((du > UPDATE).sum()),
-            "switches": float((du > SWITCH).sum()),
-            "max_jerk": finite(one["peak_jerk"].max()),
-            "total_variation": finite(du.sum()),
-            "qps_solved": finite(one["qps"].sum()),
-            "infeasible": finite(one["infeasible"].sum()),
-        }
-    return result

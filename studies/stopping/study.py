@@ -166,7 +166,7 @@ class Stopping:
 
     def scores(self, data: xr.Dataset) -> Scores:
         """Return the metrics of every law."""
-        from studies.stopping.record import scores
+        from studies.stopping.scores import scores
 
         return scores(self, data)
 

@@ -11,10 +11,11 @@ import numpy as np
 
 from studies.variable_gain.direct_term import answers_at_once, contraction, spectral_radius
 from studies.variable_gain.figures import errors_by_trial
-from studies.variable_gain.study import peaks
+from studies.variable_gain.published import noisy, tables, variable_law
+from studies.variable_gain.scores import peaks
 from verification.checks.initial_state import converges_from, initial_factor
 from verification.checks.lipschitz import lipschitz
-from workbench.contracts.examination import Examination, Figure, Table
+from workbench.contracts.examination import Examination, Figure
 from workbench.contracts.verdict import Claim, Finding, Standing, Verdict, undecided
 from workbench.controllers.fixed_gain import FixedGain
 from workbench.evidence.variants import Variants
@@ -133,7 +134,7 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
         claims=claims,
         conclude=conclude,
         figures=partial(_figures, evidence),
-        tables=partial(_tables, evidence),
+        tables=partial(tables, evidence),
     )
 
 
@@ -220,26 +221,6 @@ def initial_learning_needed(evidence: Variants) -> Finding:
     )
 
 
-def _variable(evidence: Variants) -> Any:
-    found = [law for law in evidence.study.controllers.values() if hasattr(law, "lam_min")]
-    if not found:
-        raise ValueError("the study has no law with a variable gain")
-    return found[0]
-
-
-def noisy(evidence: Variants) -> dict[str, float]:
-    """Return the largest speed error of the last trial under noise: variable, smoothed, fixed at lam_min and at 1."""
-    law = _variable(evidence)
-    laws = {
-        "variable": law,
-        "smoothed": dataclasses.replace(law, smoothing_s=1.0),
-        "fixed-lam_min": FixedGain(lam=law.lam_min, lam0=law.lam0),
-        "fixed-1": FixedGain(lam=1.0, lam0=law.lam0),
-    }
-    data = evidence.variant("noise.speed_sigma=0.02", laws=tuple(laws.items())).data
-    return {name: float(peaks(data, name, "error_speed")[-1]) for name in laws}
-
-
 def noise_claim(evidence: Variants) -> Finding:
     """Compare the last trial's true speed error under noise."""
     last = noisy(evidence)
@@ -257,7 +238,7 @@ def noise_claim(evidence: Variants) -> Finding:
 
 def faster_than_fixed(evidence: Variants) -> Finding:
     """Compare the trials to tolerance of the variable gain and of a fixed gain of 1."""
-    law = _variable(evidence)
+    law = variable_law(evidence)
     laws = (("variable", law), ("fixed", FixedGain(lam=1.0, lam0=law.lam0)))
     scores = evidence.variant(laws=laws).scores()
     trials = {name: scores[name]["trials_to_tolerance"] for name, _ in laws}
@@ -341,42 +322,3 @@ def _figures(evidence: Variants) -> Mapping[str, Figure]:
             caption="Largest true errors by trial with speed noise of 0.02 m/s.", draw=drawn("noise.speed_sigma=0.02")
         ),
     }
-
-
-def _tables(evidence: Variants) -> Sequence[Table]:
-    scores = evidence.campaign.scores()
-    first = next(iter(scores))
-    own = scores[first]
-    without = evidence.variant("initial_learning=false", "noise.speed_sigma=0").scores()[first]
-    last = noisy(evidence)
-
-    def shown(value: float | None, unit: str) -> str:
-        return "-" if value is None else f"{value:.3g} {unit}"
-
-    rows = [
-        (
-            "converges from any initial state",
-            f"{shown(own['max_position_error_last'], 'm')}, {shown(own['max_speed_error_last'], 'm/s')} "
-            f"after {evidence.study.trials} trials ({first})",
-            "true because the initial state is learned as well; the printed condition does not show it",
-        ),
-        (
-            "spectral radius of I - h_x lambda below 1",
-            "exactly 1",
-            "position has no direct input; the speed alone contracts",
-        ),
-        (
-            "needs initial-state learning",
-            f"{shown(without['max_position_error_last'], 'm')}, "
-            f"{shown(without['max_speed_error_last'], 'm/s')} without",
-            "the initial speed error is never corrected by the force",
-        ),
-        (
-            "smaller estimation error in steady state",
-            "; ".join(f"{name}: {value:.3g} m/s" for name, value in last.items()),
-            "the gain is computed from the noisy sample that it multiplies",
-        ),
-    ]
-    return [
-        Table(title="What the patent says, and what was found", header=("claim", "measured", "why"), rows=rows),
-    ]

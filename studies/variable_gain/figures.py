@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from matplotlib import pyplot as plt
 
-from studies.variable_gain.study import peaks
+from studies.variable_gain.scores import peaks
 from workbench.trials.figures import STYLE, by_trial, ran, styled
 
 SHOWN = (1, 2, 5, 10)

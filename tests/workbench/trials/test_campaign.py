@@ -171,7 +171,7 @@ def test_the_sweep_records_the_last_mse(small):
 def test_figures_draw_what_they_are_named_for(small):
     from matplotlib import pyplot as plt
 
-    from studies.metro.study import slope_resistance
+    from studies.metro.scores import slope_resistance
 
     for name, draw in small.figures().items():
         (axes,) = draw().axes
