@@ -6,6 +6,7 @@ import dataclasses
 import re
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -100,11 +101,12 @@ class TrialStudy:
             if isinstance(law, type) or not isinstance(law, Controller):
                 raise InvalidValue(f"controllers.{name} must have source, start and act, got {type(law).__name__}")
 
-    @property
+    @cached_property
     def reference_samples(self) -> Any:
-        """The reference, shape (outputs, N + 1)."""
-        samples = np.atleast_2d(np.asarray(self.reference.samples(self.plant), dtype=float))
-        return Given(values=samples).samples(self.plant)
+        """The reference, shape (outputs, N + 1): computed once, and nobody may write into it."""
+        samples = Given(values=np.array(self.reference.samples(self.plant), dtype=float)).samples(self.plant)
+        samples.flags.writeable = False
+        return samples
 
     @property
     def horizon(self) -> int:
@@ -184,21 +186,22 @@ class TrialStudy:
     def _run(self, fold: Fold, machine: Any, inputs: Any, advance: Any, values: Any = None) -> Any:
         """Yield every trial's record with the reason why the law has diverged in it, or None, and stop there."""
         r, watch = self.reference_samples, self.watch() if self.watch else None
+        largest = float(np.abs(r).max())
         for done, left in enumerate(
             stream(fold, r, inputs, trial=machine, values=values, carry_state=self.continues), 1
         ):
-            reason = self._diverged(left.mse) or (watch(left, r) if watch else None)
+            reason = self._diverged(left.mse, largest) or (watch(left, r) if watch else None)
             yield left, reason
             if reason:
                 advance(self.trials - done + 1)
                 return
             advance(1)
 
-    def _diverged(self, mse: float) -> str | None:
-        """Return why a trial with this mean square error counts as diverged, or None."""
+    def _diverged(self, mse: float, largest: float) -> str | None:
+        """Return why a trial with this mean square error counts as diverged, or None; ``largest``: reference."""
         if not np.isfinite(mse):
             return "the error is no longer finite"
-        limit = self.divergence_factor * float(np.abs(self.reference_samples).max())
+        limit = self.divergence_factor * largest
         if np.sqrt(mse) > limit:
             return f"the RMS error {np.sqrt(mse):.3g} exceeds {limit:.3g} ({self.divergence_factor:g} x the reference)"
         return None
@@ -287,7 +290,7 @@ class _Record:
     def dataset(self, swept: Mapping[tuple[str, str, float], float]) -> xr.Dataset:
         """Return what was taken as a Dataset with units."""
         study = self.study
-        plant, r = study.plant, study.reference_samples
+        plant, r = study.plant, study.reference_samples.copy()
         axes = ("controller", "trial", "sample")
         variables: dict[str, Any] = {}
         for i, signal in enumerate(plant.outputs):
