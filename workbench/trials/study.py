@@ -152,8 +152,8 @@ class TrialStudy:
         if len(refused) == len(self.controllers):
             raise InvalidValue("no controller suits this study: " + "; ".join(refused.values()))
         suited = [name for name in self.controllers if name not in refused]
+        folds = {name: self.fold(name) for name in suited}
         with ThreadPoolExecutor() as pool:
-            folds = dict(zip(suited, [self.fold(name) for name in suited], strict=True))
             machine = dict(zip(suited, pool.map(lambda name: compiled(folds[name].trial), suited), strict=True))
         inputs = self.inputs()
         sweeps = [(sweep, name, value) for sweep in self.sweeps for name in sweep.controllers for value in sweep.values]
@@ -223,7 +223,7 @@ class TrialStudy:
 
 def _shared_zeros(drawn: Any, shared: dict[Any, Any]) -> Any:
     """Return what was drawn, or where it is all zero one read-only array for all trials."""
-    if np.any(drawn):
+    if np.asarray(drawn).any():
         return drawn
     zeros = shared.setdefault(np.shape(drawn), np.zeros(np.shape(drawn)))
     zeros.flags.writeable = False
@@ -244,7 +244,8 @@ class _Record:
         laws = [law for law in study.controllers.values() if isinstance(law, Telling)]
         self.told = tuple(dict.fromkeys(signal for law in laws for signal in law.tells))
         self.acts = type(plant).applied is not Plant.applied
-        self.rows: dict[str, Any] = {name: np.full(shape, np.nan) for name in self._row_names()}
+        named = self._row_names()  # in one block: large memory is handed out in large pages
+        self.rows: dict[str, Any] = dict(zip(named, np.full((len(named), *shape), np.nan), strict=True))
         self.mse = np.full(shape[:2], np.nan)
         self.diverged = np.full(len(self.names), np.nan)
         self.stopped = np.full(len(self.names), "", dtype=object)
@@ -266,7 +267,7 @@ class _Record:
             for i, signal in enumerate(plant.outputs):
                 suffix = "" if i == 0 else f"_{signal.name}"
                 self.rows[f"output{suffix}"][at, trial] = left.y[i]
-                self.rows[f"error{suffix}"][at, trial] = r[i] - left.y[i]
+                np.subtract(r[i], left.y[i], out=self.rows[f"error{suffix}"][at, trial])
             for i, signal in enumerate(plant.inputs):
                 self.rows["input" if i == 0 else f"input_{signal.name}"][at, trial, :-1] = left.u[i]
             for i, signal in self.hidden:
