@@ -128,5 +128,6 @@ def _serialised(symbols: list[Any], values: list[Any]) -> str:
 def _digest(*texts: str) -> str:
     whole = hashlib.sha256()
     for text in texts:
-        whole.update(f"{len(text)} {text}".encode())
+        whole.update(f"{len(text)} ".encode())
+        whole.update(text.encode())
     return whole.hexdigest()

@@ -10,6 +10,8 @@ import shutil
 import subprocess
 import tempfile
 import threading
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache, lru_cache
 from pathlib import Path
 
@@ -77,6 +79,14 @@ def compiled(function: ca.Function) -> ca.Function:
     except _NotBuiltError as error:
         _say_once(f"the C compiler {command} failed ({error}): running on CasADi's virtual machine")
         return function
+
+
+def all_compiled(functions: Sequence[ca.Function]) -> list[ca.Function]:
+    """Return several functions as :func:`compiled` gives them, built side by side."""
+    if len(functions) < 2:  # a thread costs more than finding what is there
+        return [compiled(function) for function in functions]
+    with ThreadPoolExecutor() as pool:
+        return list(pool.map(compiled, functions))
 
 
 class _NotBuiltError(Exception):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from typing import Any
 
@@ -18,7 +18,7 @@ from models.reference import Given
 from workbench.contracts.law import Choosy, Controller, Telling
 from workbench.contracts.study import Progress, Scores
 from workbench.fold.fold import Fold, TrialInput, TrialRecord, build, stream
-from workbench.fold.machine_code import compiled
+from workbench.fold.machine_code import all_compiled, compiled
 from workbench.trials.drawn import AtRest, SpeedNoise, Undisturbed
 from workbench.trials.length import TrialLength
 from workbench.trials.metrics import trial_scores
@@ -153,8 +153,7 @@ class TrialStudy:
             raise InvalidValue("no controller suits this study: " + "; ".join(refused.values()))
         suited = [name for name in self.controllers if name not in refused]
         folds = {name: self.fold(name) for name in suited}
-        with ThreadPoolExecutor() as pool:
-            machine = dict(zip(suited, pool.map(lambda name: compiled(folds[name].trial), suited), strict=True))
+        machine = dict(zip(suited, all_compiled([folds[name].trial for name in suited]), strict=True))
         inputs = self.inputs()
         sweeps = [(sweep, name, value) for sweep in self.sweeps for name in sweep.controllers for value in sweep.values]
         record = _Record(self, inputs)
@@ -199,11 +198,13 @@ class TrialStudy:
 
     def _diverged(self, mse: float, largest: float) -> str | None:
         """Return why a trial with this mean square error counts as diverged, or None; ``largest``: reference."""
-        if not np.isfinite(mse):
+        if not math.isfinite(mse):
             return "the error is no longer finite"
         limit = self.divergence_factor * largest
-        if np.sqrt(mse) > limit:
-            return f"the RMS error {np.sqrt(mse):.3g} exceeds {limit:.3g} ({self.divergence_factor:g} x the reference)"
+        if math.sqrt(mse) > limit:
+            return (
+                f"the RMS error {math.sqrt(mse):.3g} exceeds {limit:.3g} ({self.divergence_factor:g} x the reference)"
+            )
         return None
 
     def scores(self, data: xr.Dataset) -> Scores:
