@@ -1,7 +1,7 @@
 """What lies between a command and a plant: limits, dead time and lag, as wrappers round any plant.
 
 Each wrapper is itself a plant with the inner plant's inputs, outputs and disturbances; its own states stand after
-the inner plant's and begin at zero. They nest: ``Saturated(plant=Delayed(plant=Lagged(plant=train, ...), ...))``
+the inner plant's and begin at zero. They nest: ``Saturated(plant=Delayed(plant=Lagged(plant=motor, ...), ...))``
 limits the command, then delays it, then lags it.
 """
 

@@ -1,4 +1,4 @@
-"""The line that a train runs on: grades, curves and tunnels by position, averaged over the train's length."""
+"""The line that a vehicle runs on: grades, curves and tunnels by position, averaged over the vehicle's length."""
 
 from __future__ import annotations
 
@@ -87,16 +87,16 @@ class Line:
             raise InvalidValue(f"curve_radii_m must be above 0 m, got {min(self.curve_radii_m):g}")
 
     def holds(self, length: Any) -> None:
-        """Raise InvalidValue where a train of this length (m) is longer than the line."""
+        """Raise InvalidValue where a vehicle of this length (m) is longer than the line."""
         if self.length is not None and isinstance(length, float) and length > self.length:
             raise InvalidValue(f"length must be at most that of the line, {self.length:g} m, got {length:g}")
 
     def mean_grade(self, front: Any, length: Any) -> Any:
-        """Return the grade in per mille averaged over a train of ``length`` metres whose front is at ``front``."""
+        """Return the grade in per mille averaged over a vehicle of ``length`` metres whose front is at ``front``."""
         return averaged_steps(self.grade_starts_m, self.grade_permille, front, length)
 
     def mean_curvature(self, front: Any, length: Any) -> Any:
-        """Return 1/R in 1/m averaged over a train of ``length`` metres whose front is at ``front``; 0 if straight."""
+        """Return 1/R in 1/m averaged over a vehicle of ``length`` metres with its front at ``front``; 0 if straight."""
         return averaged_steps(*self._curvature(), front, length)
 
     def curvature(self, position: Any) -> Any:

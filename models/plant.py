@@ -6,6 +6,7 @@ Everything else (derivatives, the python-control system, compiled trials, the ch
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar, NamedTuple, final
@@ -25,7 +26,7 @@ class Signal(NamedTuple):
 
 
 def signals(**units: str | tuple[str, str]) -> tuple[Signal, ...]:
-    """Name signals with their units: ``signals(speed="m/s", position=("m", "front of the train"))``."""
+    """Name signals with their units: ``signals(speed="m/s", position=("m", "front of the vehicle"))``."""
     return tuple(Signal(name, unit) if isinstance(unit, str) else Signal(name, *unit) for name, unit in units.items())
 
 
@@ -77,6 +78,28 @@ def stacked(values: Any, named: Sequence[Signal], what: str) -> Any:
         names = ", ".join(signal.name for signal in named)
         raise InvalidValue(f"{what} must give {len(named)} value(s) ({names}), got shape {tuple(column.shape)}")
     return column
+
+
+class FirstEffect(NamedTuple):
+    """Where an input first reaches an output of a plant."""
+
+    degree: int
+    """y(k + degree) is the first output whose expression contains u(k)."""
+    slope: ca.Function
+    """(x, u, w) -> (dy_du), dy(k + degree)/du(k); it takes k too where none was chosen.
+
+    The columns of u (nu, degree) and w (nw, degree) are the samples k, ..., k + degree - 1.
+    """
+    shown: bool
+    """Whether two values of u(k) were found between which y(k + degree) differs by more than rounding.
+
+    Where it is False, u(k) may cancel in the expression, or act only far from the points that were tried.
+    """
+
+    @property
+    def slope_at_rest(self) -> float:
+        """The slope where states, inputs and disturbances (and k, where none was chosen) are zero."""
+        return float(self.slope()["dy_du"])
 
 
 class Plant(ABC):
@@ -191,18 +214,57 @@ class Plant(ABC):
         return ca.Function(name, list(at.values()), [slope], list(at), [f"d{of}_d{label}"])
 
     @final
-    def relative_degree(self, limit: int = 200) -> int | None:
-        """Return the smallest d for which y(k+d) of the first output depends on u(k) of the first input.
+    def relative_degree(
+        self, limit: int = 200, *, k: int | None = None, output: str | None = None, input: str | None = None
+    ) -> int | None:
+        """Return the smallest d for which y(k+d) depends on u(k); None where no d up to ``limit`` does.
 
-        It is read off the equations (1 without dead time); None where no d up to ``limit`` does.
+        It is read off the equations (1 without dead time) as :meth:`first_effect` does, where the arguments are
+        told, and what a structural answer leaves open.
         """
+        found = self.first_effect(limit, k=k, output=output, input=input)
+        return found.degree if found else None
+
+    @final
+    def first_effect(
+        self, limit: int = 200, *, k: int | None = None, output: str | None = None, input: str | None = None
+    ) -> FirstEffect | None:
+        """Return where an input first reaches an output and with which slope; None where no d up to ``limit`` does.
+
+        ``output`` and ``input`` name signals (the first ones by default); ``k`` is the sample from which on the
+        equations are followed, a whole number. Without it the answer is the smallest degree over all samples, which
+        a plant that varies with time may have at some of them only.
+
+        The answer is structural: y(k+d) is composed from ``step`` and searched for u(k). What does not contain u(k)
+        does not depend on it, at any state, so the true degree is never smaller. It may be larger where u(k) stands
+        in the expression but cancels, as in ``(x + u)**2 - x**2 - 2*x*u - u**2`` (CasADi folds only what is plain,
+        such as ``u - u``): see :attr:`FirstEffect.shown`. Raises InvalidValue for an unknown signal and for a k
+        that is not whole.
+        """
+        row = _position(self.outputs, output, "output")
+        column = _position(self.inputs, input, "input")
+        if k is not None and (isinstance(k, bool) or not isinstance(k, int)):
+            raise InvalidValue(f"k must be a whole number, or left out for every sample, got {k!r}")
         at = self.symbols()
-        x, u, w = at["x"], at["u"], at["w"]
+        x, first, inputs, disturbances = at["x"], at["u"], [at["u"]], [at["w"]]
+        sample = at["k"] if k is None else ca.SX(k)
         for degree in range(1, limit + 1):
-            x = self.next_state(x, u, w, at["k"] + degree - 1)
-            if ca.depends_on(self.measured(x)[0], at["u"][0]):
-                return degree
-            u, w = ca.SX.sym("later", *at["u"].shape), ca.SX.sym("later_w", *at["w"].shape)
+            x = self.next_state(x, inputs[-1], disturbances[-1], sample + degree - 1)
+            y = self.measured(x)[row]
+            if ca.depends_on(y, first[column]):
+                given = {"x": at["x"], "u": ca.horzcat(*inputs), "w": ca.horzcat(*disturbances)}
+                given |= {"k": at["k"]} if k is None else {}
+                slope = ca.Function(
+                    f"{self.name}_slope",
+                    list(given.values()),
+                    [ca.jacobian(y, first[column])],
+                    list(given),
+                    ["dy_du"],
+                )
+                reached = ca.Function("reached", [*given.values()], [y], list(given), ["y"])
+                return FirstEffect(degree, slope, _differs(reached, column))
+            inputs.append(ca.SX.sym("later_u", len(self.inputs)))
+            disturbances.append(ca.SX.sym("later_w", len(self.disturbances)))
         return None
 
     @final
@@ -228,3 +290,33 @@ class Plant(ABC):
 
 def _column(name: str, named: Sequence[Signal]) -> ca.SX:
     return ca.vertcat(*(ca.SX.sym(f"{signal.name}") for signal in named)) if named else ca.SX.sym(name, 0, 1)
+
+
+def _position(named: Sequence[Signal], name: str | None, what: str) -> int:
+    """Return where a signal stands among its like, the first where no name was given."""
+    names = [signal.name for signal in named]
+    if not names or (name is not None and name not in names):
+        raise InvalidValue(f"{what} must be one of: {', '.join(names) or 'none, the plant has none'}; got {name!r}")
+    return 0 if name is None else names.index(name)
+
+
+def _differs(reached: ca.Function, column: int) -> bool:
+    """Tell whether y = reached(x, u, w[, k]) was seen to change with u[column, 0].
+
+    States, inputs and disturbances are small whole numbers, whose sums and products are exact: what cancels does.
+    """
+    for whole in (0, 1):
+        point = {
+            name: whole * ca.reshape(ca.DM(range(1, rows * columns + 1)), rows, columns)
+            for name, (rows, columns) in zip(
+                reached.name_in(), map(reached.size_in, range(reached.n_in())), strict=True
+            )
+        }
+        point["u"][column, 0] = 0
+        without = float(reached(**point)["y"])
+        for size in (1, -1, 1000, -1000):
+            point["u"][column, 0] = size
+            change = abs(float(reached(**point)["y"]) - without)
+            if 1e-12 * max(size**2, without**2) < change < math.inf:
+                return True
+    return False

@@ -230,6 +230,67 @@ def is_declared(thing: Any) -> bool:
     return dataclasses.is_dataclass(thing) and not isinstance(thing, type)
 
 
+def parts(value: Any) -> list[tuple[str, Any]]:
+    """Return the declarations that a field's value is (named "") or holds by name."""
+    if isinstance(value, Mapping):
+        return [(name, part) for name, part in value.items() if is_declared(part)]
+    return [("", value)] if is_declared(value) else []
+
+
+def walked(thing: Any, into: Callable[[Quantity, Any], bool], prefix: str = "") -> Iterator[tuple[str, Quantity, Any]]:
+    """Yield (path, quantity, value) for every field of a declaration and of those within it, outer ones first.
+
+    A path is dotted; of a mapping's declarations it has the name (``controllers.icfdl.lam``). ``into`` tells,
+    given a field's quantity and value, whether the declarations that the value is or holds are looked into.
+    """
+    for name, spec, value in quantities(thing):
+        yield f"{prefix}{name}", spec, value
+        if into(spec, value):
+            for inner, within in parts(value):
+                yield from walked(within, into, f"{prefix}{name}.{inner}." if inner else f"{prefix}{name}.")
+
+
+def nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values by dotted path as nested dictionaries.
+
+    A value that is a dictionary itself is joined with what lies below its path. Raises InvalidValue where one path
+    leads through a value of another.
+    """
+    result: dict[str, Any] = {}
+    for path, value in values.items():
+        node = result
+        *above, last = path.split(".")
+        for step in above:
+            node = node.setdefault(step, {})
+            if not isinstance(node, dict):
+                raise InvalidValue(f"{path} lies within {step}, which is given a value too: leave one of them out")
+        node[last] = value
+    return result
+
+
+def rebuilt(thing: Any, changes: Mapping[str, Any], prefix: str = "") -> Any:
+    """Return a declaration, or a mapping of them, with nested changes of fields that it has.
+
+    All changes of one declaration are made at once, so ranges that depend on each other are checked on the result.
+    Raises InvalidValue with the full path for a bad value.
+    """
+    if isinstance(thing, Mapping):
+        within = {name: rebuilt(thing[name], change, f"{prefix}{name}.") for name, change in changes.items()}
+        return {**thing, **within}
+    made = {
+        name: rebuilt(value, changes[name], f"{prefix}{name}.")
+        if isinstance(changes[name], Mapping) and (is_declared(value) or isinstance(value, Mapping))
+        else changes[name]
+        for name, _, value in quantities(thing)
+        if name in changes
+    }
+    try:
+        return dataclasses.replace(thing, **made) if made else thing
+    except InvalidValue as error:
+        text = str(error)
+        raise InvalidValue(text if "." in text.split(" ", 1)[0] else f"{prefix}{text}") from None
+
+
 class Symbolised(NamedTuple):
     """A declaration whose float quantities are symbols, and the numbers that they stand for."""
 
@@ -239,30 +300,16 @@ class Symbolised(NamedTuple):
     values: tuple[float, ...]
 
 
-def symbolised(
-    thing: Any, symbol: Callable[[str], Any] = ca.SX.sym, only: frozenset[str] | None = None, prefix: str = ""
-) -> Symbolised:
+def symbolised(thing: Any, symbol: Callable[[str], Any] = ca.SX.sym, only: frozenset[str] | None = None) -> Symbolised:
     """Replace float quantities, nested ones included, by symbols named after their path.
 
     ``only`` restricts it to the paths named. Structural fields and fields that are None stay as they are.
     """
-    names: list[str] = []
-    symbols: list[Any] = []
-    values: list[float] = []
-    changes: dict[str, Any] = {}
-    for name, spec, value in quantities(thing):
-        path = f"{prefix}{name}"
-        if spec.kind == "number" and not spec.structural and isinstance(value, float):
-            if only is None or path in only:
-                changes[name] = symbol(path.replace(".", "_"))
-                names.append(path)
-                symbols.append(changes[name])
-                values.append(value)
-        elif is_declared(value):
-            inner = symbolised(value, symbol, only, f"{path}.")
-            changes[name] = inner.thing
-            names += inner.names
-            symbols += inner.symbols
-            values += inner.values
-    replaced = dataclasses.replace(thing, **changes) if changes else thing
-    return Symbolised(replaced, tuple(names), tuple(symbols), tuple(values))
+    found = {
+        path: value
+        for path, spec, value in walked(thing, lambda spec, value: is_declared(value))
+        if spec.kind == "number" and not spec.structural and isinstance(value, float)
+        if only is None or path in only
+    }
+    symbols = {path: symbol(path.replace(".", "_")) for path in found}
+    return Symbolised(rebuilt(thing, nested(symbols)), tuple(found), tuple(symbols.values()), tuple(found.values()))

@@ -7,6 +7,7 @@ import dataclasses
 import importlib
 import inspect
 import pkgutil
+import re
 import sys
 from pathlib import Path
 
@@ -143,7 +144,7 @@ def test_folders_import_one_way(path):
         "verification": {"studies"},
         "studies": set(),
     }
-    allowed = {"verification"} if path.name == "cli.py" else set()
+    allowed = {"verification"} if dotted(path) == "workbench.cli" else set()
     folder = path.relative_to(ROOT).parts[0]
     forbidden = (above[folder] - allowed) | {"tests", "benchmarks", "notebooks"}
     assert not imported(path) & forbidden
@@ -156,6 +157,25 @@ def test_models_stand_on_casadi_and_numpy_only():
         assert imported(path) <= allowed | extra, path
 
 
+def test_one_room_reads_casadis_instructions():
+    readers = {
+        dotted(path)
+        for path in SOURCES
+        if re.search(r"\binstructions?_(id|input|output|constant|sx|MX)\b", path.read_text())
+    }
+    assert readers == {"workbench.graph.reading"}
+
+
+def test_the_graph_stands_alone():
+    for path in (ROOT / "workbench" / "graph").glob("*.py"):
+        assert (
+            re.findall(
+                r"^\s*(?:from|import) (?:models|verification|studies|workbench(?!\.graph))", path.read_text(), re.M
+            )
+            == []
+        )
+
+
 def test_modules_are_short():
     long = {dotted(path): count for path in SOURCES if (count := len(path.read_text().splitlines())) > 400}
     assert long == {}
@@ -166,3 +186,137 @@ def test_packages_are_complete():
         package = importlib.import_module(folder)
         for info in pkgutil.iter_modules(package.__path__):
             assert (ROOT / folder / f"{info.name}.py").exists() or (ROOT / folder / info.name / "__init__.py").exists()
+
+
+@pytest.mark.parametrize("front", ["workbench", "verification"])
+def test_no_name_of_a_front_door_is_that_of_a_child(front):
+    package = importlib.import_module(front)
+    children = {info.name for info in pkgutil.iter_modules(package.__path__)}
+    assert children and package.__all__
+    assert not children & set(package.__all__)
+
+
+TRAINS = r"trains?|metros?|maglevs?|brak(?:e|es|ed|ing)|rails?|railways?|jerks?|jerky|adhesion|kwh|kmh|km/h"
+AUTHORS = r"jiao|hou|liu|xun|gao|yin|zhang|cao|chu|yuan|jiang|wang|njit"
+ALIKE = r"Nan|Yu|Lin|Bu"
+"""Authors who are spelt like a number that is missing, or a linear thing: only where they stand alone."""
+WHOLE = r"(?<![A-Za-z])(?:{})(?![A-Za-z])"
+FORBIDDEN = re.compile(WHOLE.format(rf"(?i:{TRAINS}|{AUTHORS})"))
+FORBIDDEN_ALONE = re.compile(WHOLE.format(rf"(?i:{TRAINS}|{AUTHORS})|{ALIKE}"))
+HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+"""Where a word of an identifier in camel case begins: ``KnownTrain`` holds the word train, ``Training`` does not."""
+
+NAMED_FOR_A_PLANT = {"brake", "braking_curve", "maglev", "metro_line", "metro_profile", "point_mass"}
+"""The files of models that are about one paper's plant or its reference, and may say so."""
+NAMES_ITS_PAPER = ("workbench/controllers/", "verification/theorems/")
+"""Where a docstring and a source may name papers and what they are about."""
+TEXTS = {".py", ".pyi", ".j2", ".md", ".c", ".h", ".toml", ".json"}
+
+
+def general_files() -> list[Path]:
+    files = [path for room in ("models", "workbench", "verification") for path in (ROOT / room).rglob("*")]
+    return sorted(
+        path
+        for path in files
+        if path.suffix in TEXTS and not (path.parent == ROOT / "models" and path.stem in NAMED_FOR_A_PLANT)
+    )
+
+
+def papers_named(tree: ast.Module):
+    """Yield the constants that are a docstring, or what a name ``source`` or ``PAPER`` is given."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Module() | ast.ClassDef() | ast.FunctionDef():
+                texts = [
+                    one.value for one in node.body if isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant)
+                ]
+            case ast.Assign(targets=[ast.Name(id="source" | "PAPER")], value=value):
+                texts = [value]
+            case ast.AnnAssign(target=ast.Name(id="source" | "PAPER"), value=value):
+                texts = [value]
+            case ast.keyword(arg="source", value=value):
+                texts = [value]
+            case _:
+                texts = []
+        for text in texts:
+            yield from (part for part in ast.walk(text) if isinstance(part, ast.Constant)) if text else ()
+
+
+def without_papers(text: str) -> str:
+    """Return a module's text with its docstrings and sources blanked, its lines where they were."""
+    lines = [line.encode() for line in text.split("\n")]
+    for part in papers_named(ast.parse(text)):
+        if isinstance(part.value, str):
+            for row in range(part.lineno - 1, part.end_lineno):
+                begin = part.col_offset if row == part.lineno - 1 else 0
+                end = part.end_col_offset if row == part.end_lineno - 1 else len(lines[row])
+                lines[row] = lines[row][:begin] + b" " * (end - begin) + lines[row][end:]
+    return b"\n".join(lines).decode()
+
+
+def special_words(name: str, text: str) -> list[str]:
+    """Return what a general file says of trains and authors, each as ``name:line: word``; its name counts too."""
+    if name.startswith(NAMES_ITS_PAPER) and name.endswith(".py"):
+        text = without_papers(text)
+    found = {}
+    for number, line in enumerate([name, *text.split("\n")]):
+        for words, said in ((FORBIDDEN_ALONE, line), (FORBIDDEN, HUMP.sub("_", line))):
+            for match in words.finditer(said):
+                found.setdefault((number, match[0].lower()), match[0])
+    return [f"{name}:{number}: {word}" for (number, _), word in sorted(found.items())]
+
+
+def test_general_rooms_know_nothing_special():
+    files = general_files()
+    assert len(files) > 100
+    found = [word for path in files for word in special_words(path.relative_to(ROOT).as_posix(), path.read_text())]
+    assert found == []
+
+
+def test_the_files_named_for_a_plant_exist():
+    assert {path.stem for path in (ROOT / "models").glob("*.py")} >= NAMED_FOR_A_PLANT
+
+
+LAW = '''"""The law of Jiao & Hou for a metro train."""
+
+class Law:
+    """Brakes a train."""
+
+    source: ClassVar[str] = "Jiao & Hou 2025, (1)"
+
+    {line}
+'''
+PAPER = ("Hou", "Jiao")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "found"),
+    [
+        ("workbench/trials/metrics.py", "def train_scores(): ...", ["train"]),
+        ("workbench/trials/metrics.py", "class KnownTrain: ...", ["Train"]),
+        ("workbench/trials/metrics.py", "class HTTPTrain: ...", ["Train"]),
+        ("workbench/trials/metrics.py", "JOULES_PER_KWH = energy_kwh = 1", ["KWH"]),
+        ("workbench/trials/table.py", 'heading = "energy (kWh)"', ["kWh"]),
+        ("workbench/trials/table.py", "# (km/h)/N", ["km/h"]),
+        ("workbench/trials/table.py", '"""Jerk: the train\'s, as Metro\'s."""', ["Jerk", "Metro", "train"]),
+        ("workbench/trials/table.py", "MetroProfile", ["Metro"]),
+        ("workbench/trials/table.py", "brake_model", ["brake"]),
+        ("workbench/metro.py", "", ["metro"]),
+        ("verification/checks/any.py", "x = 1  # after Liu et al.", ["Liu"]),
+        ("verification/checks/any.py", "class Any: source = 'Chu & Yu'", ["Chu", "Yu"]),
+        ("verification/checks/any.py", "class LiuTube(LinAlgError): hou_2025 = np.nan", ["hou", "Liu"]),
+        ("verification/report/report.html.j2", "<p>adhesion on rails</p>", ["adhesion", "rails"]),
+        ("workbench/trials/network.py", "training = constrained(trainable, np.nan, NaN, np.linspace, 'lin')", []),
+        ("workbench/trials/network.py", "guardrail, brakeman, railing, you, bus, linear, Linear, Yule", []),
+        ("workbench/controllers/law.py", LAW.format(line="x = 1"), []),
+        ("verification/theorems/law.py", LAW.format(line='Claim(source=f"{PAPER}, Hou 2025")'), []),
+        ("workbench/trials/law.py", LAW.format(line="x = 1"), [*PAPER, "metro", "train", "Brakes", "train", *PAPER]),
+        ("workbench/controllers/law.py", LAW.format(line="x = 1  # of the train"), ["train"]),
+        ("workbench/controllers/law.py", LAW.format(line='mass = quantity(doc="of the train")'), ["train"]),
+        ("workbench/controllers/law.py", LAW.format(line='sources = "Hou"'), ["Hou"]),
+        ("workbench/controllers/law.py", LAW.format(line='told("the train")'), ["train"]),
+    ],
+)
+def test_special_words_are_seen(name, text, found):
+    said = [word.rpartition(" ")[2] for word in special_words(name, text)]
+    assert said == found

@@ -10,10 +10,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from models.plant import FirstEffect
 from studies.ato.scores import FOUR, better_all_four, indices
-from verification.checks.continuity import continuous_by_composition, find_jump
+from verification.checks.jump import find_jump
 from verification.checks.linear_loop import critical_gain, incremental_pid
-from verification.checks.relative_degree import relative_degree
+from verification.enclosure.smoothness import continuous_everywhere
 from workbench.contracts.examination import Examination, Table
 from workbench.contracts.verdict import Claim, Finding, Standing, Verdict, undecided
 from workbench.controllers.parts import immune
@@ -23,6 +24,7 @@ JERK_LIMIT = 0.75
 LEARNS = 0.01
 NEAR = 12
 """Decimals to which the point of a jump is given: rounding of the memberships moves it by 1e-16."""
+CANCELS = "u(k) stands in the composed equations, but no point was found at which it changes the output"
 PAPER = "Chu, Yu, Lin, Yuan & Jiang"
 
 
@@ -130,32 +132,37 @@ def _dead_times(study: Any) -> dict[str, int]:
     return {"traction": 0, "braking": 1500} if study.test == "curve" else {"traction": 0}
 
 
-def _degrees(study: Any) -> dict[str, Any]:
+def _effects(study: Any) -> dict[str, FirstEffect | None]:
     plant = study.setting.plant
-    return {name: relative_degree(plant, k) for name, k in _dead_times(study).items()}
+    return {name: plant.first_effect(limit=100, k=k) for name, k in _dead_times(study).items()}
 
 
 def _relative_degree(study: Any) -> Finding:
-    found = _degrees(study)
-    if any(one is None or one.degree == 1 for one in found.values()):
-        witness = {name: getattr(one, "degree", None) for name, one in found.items()}
+    found = _effects(study)
+    late = {name: one for name, one in found.items() if one is not None and one.degree > 1}
+    if any(one is not None and not one.shown for one in found.values()):
+        return undecided(CANCELS)
+    if len(late) < len(found):
+        witness = {name: one.degree if one else None for name, one in found.items()}
         return Finding(standing=Standing.REFUTED, method="jacobian of the composed steps", witness=witness)
     return Finding(
         standing=Standing.PROVED,
-        margin=float(min(one.degree for one in found.values()) - 1),
+        margin=float(min(one.degree for one in late.values()) - 1),
         unit="samples",
         witness={
-            name: {"first sample reached": f"k+{one.degree}", f"dy(k+{one.degree})/du(k)": one.slope}
-            for name, one in found.items()
+            name: {"first sample reached": f"k+{one.degree}", f"dy(k+{one.degree})/du(k)": one.slope_at_rest}
+            for name, one in late.items()
         },
         method="the symbolic plant composed step by step: u(k) does not occur in y(k+1), ..., y(k+d)",
     )
 
 
 def _printed_degree(study: Any) -> Finding:
-    found = _degrees(study)["traction"]
+    found = _effects(study)["traction"]
     if found is not None and found.degree == 1:
-        return Finding(standing=Standing.PROVED, method="jacobian of the step", margin=abs(found.slope))
+        if not found.shown:
+            return undecided(CANCELS)
+        return Finding(standing=Standing.PROVED, method="jacobian of the step", margin=abs(found.slope_at_rest))
     reached = f"k+{found.degree}" if found else "none"
     return Finding(
         standing=Standing.REFUTED,
@@ -169,7 +176,7 @@ def f_continuous(kind: str) -> Finding:
     """Check whether a stimulus is continuous on [-1, 1]^2 and beyond."""
     u, du = ca.SX.sym("u"), ca.SX.sym("du")
     f = ca.Function("stimulus", [u, du], [immune.stimulus(kind, u, du)], ["u", "du"], ["f"])
-    if continuous_by_composition(f):
+    if continuous_everywhere(f):
         return Finding(
             standing=Standing.PROVED, method="composed of sums, products and tanh, which are continuous everywhere"
         )
@@ -233,8 +240,8 @@ def _sign(study: Any, data: Any) -> Finding:
     u, y = one["input"].values[:, :-1], one["output"].values[:, :-1]
     sign = np.sign(np.diff(y, axis=1) * np.diff(u, axis=1))
     wrong = sign < 0
-    found = _degrees(study)["traction"]
-    if found is None or found.slope <= 0:
+    found = _effects(study)["traction"]
+    if found is None or found.slope_at_rest <= 0:
         return undecided("the plant's derivative is not positive")
     if not wrong.any():
         return Finding(standing=Standing.SUPPORTED, margin=0.0, method="all samples and seeds")

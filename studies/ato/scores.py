@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from workbench.contracts.number import finite
 from workbench.contracts.study import Scores
 
 BAND = 0.02
@@ -98,8 +99,7 @@ def median_scores(data: xr.Dataset, seeded: Sequence[str], against: str = "fipid
 
 
 def _quantile(values: Any, share: float) -> float | None:
-    found = float(np.quantile(values, share, method="linear" if np.isfinite(values).all() else "higher"))
-    return found if np.isfinite(found) else None
+    return finite(np.quantile(values, share, method="linear" if np.isfinite(values).all() else "higher"))
 
 
 def better_all_four(data: xr.Dataset, controller: str, against: str) -> float:

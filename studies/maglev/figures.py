@@ -11,7 +11,7 @@ import xarray as xr
 from matplotlib import pyplot as plt
 
 from studies.maglev.scores import energy, itae
-from workbench.trials.figures import MARKERS, STYLE, ran, styled
+from workbench.trials.figures import STYLE, by_trial, ran, styled
 
 EVERY = 10
 """Every which sample curves are drawn with."""
@@ -136,10 +136,7 @@ def itae_by_period(study: Any, data: xr.Dataset) -> Any:
     """Draw the ITAE of the position error of every period."""
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()
-        for index, name in enumerate(ran(data)):
-            axes.semilogy(
-                data["trial"], itae(study, data, name), **styled(index), marker=MARKERS[index], markersize=4, label=name
-            )
+        by_trial(axes, data, lambda name: itae(study, data, name))
         axes.set(xlabel="period", ylabel="ITAE of the position error (m s²)")
         axes.legend()
         return figure
@@ -149,9 +146,7 @@ def error_by_period(data: xr.Dataset) -> Any:
     """Draw the largest position error of every period."""
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()
-        for index, name in enumerate(ran(data)):
-            largest = abs(data["error"].sel(controller=name)).max("sample")
-            axes.semilogy(data["trial"], largest, **styled(index), marker=MARKERS[index], markersize=4, label=name)
+        by_trial(axes, data, lambda name: abs(data["error"].sel(controller=name)).max("sample"))
         axes.set(xlabel="period", ylabel="max |position error| (m)")
         axes.legend()
         return figure

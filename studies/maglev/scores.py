@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from scipy.integrate import trapezoid
 
+from workbench.contracts.number import finite
 from workbench.contracts.study import Scores
 
 JOULES_PER_KWH = 3.6e6
@@ -58,25 +59,21 @@ def scores(study: Any, data: xr.Dataset) -> Scores:
         one = data.sel(controller=name)
         position, speed = np.abs(one["error"].values), np.abs(one["error_speed"].values[-1])
         row = {
-            "max_position_error_first": _number(position[0].max()),
-            "max_position_error_last": _number(position[-1].max()),
-            "rms_position_error_last": _number(np.sqrt(np.mean(position[-1] ** 2))),
+            "max_position_error_first": finite(position[0].max()),
+            "max_position_error_last": finite(position[-1].max()),
+            "rms_position_error_last": finite(np.sqrt(np.mean(position[-1] ** 2))),
         }
         for part, mask in parts.items():
-            row[f"max_speed_error_{part}"] = _number(speed[mask].max()) if mask.any() else None
-        row["itae_last"] = _number(itae(study, data, name)[-1])
-        row["energy_kwh_last"] = _number(energy(data, name)[-1].sum())
+            row[f"max_speed_error_{part}"] = finite(speed[mask].max()) if mask.any() else None
+        row["itae_last"] = finite(itae(study, data, name)[-1])
+        row["energy_kwh_last"] = finite(energy(data, name)[-1].sum())
         learned = one["law_line_resistance"].values[-1, :-1] if "law_line_resistance" in data else np.array([np.nan])
         true = one["line_resistance"].values[-1, :-1]
-        row["learned_resistance_rms_error"] = _number(np.sqrt(np.mean((learned - true) ** 2)))
-        row["diverged_at_trial"] = _number(one["diverged_at_trial"])
+        row["learned_resistance_rms_error"] = finite(np.sqrt(np.mean((learned - true) ** 2)))
+        row["diverged_at_trial"] = finite(one["diverged_at_trial"])
         table[name] = row
     baseline = table.get("pid", {}).get("energy_kwh_last")
     for row in table.values():
         used = row["energy_kwh_last"]
         row["energy_change_percent"] = 100 * (used / baseline - 1) if baseline and used is not None else None
     return table
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -19,7 +19,7 @@ from models.line import FLAT
 from models.maglev import Maglev
 from models.plant import Plant
 from models.quantity import InvalidValue, choice, count, declared, given, part, quantity
-from models.reference import Shuttle
+from models.station_runs import Shuttle
 from studies.maglev.scores import scores
 from workbench.contracts.study import Progress, Scores
 from workbench.controllers.palc import PALC

@@ -12,14 +12,14 @@ import casadi as ca
 import numpy as np
 import xarray as xr
 
+from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
-from models.reference import MetroProfile
+from studies.rail.scores import RIDE, train_scores
 from workbench.controllers.cfdl import CFDL
 from workbench.controllers.icfdl import ICFDL
 from workbench.controllers.increment import Increment
 from workbench.controllers.pd import PD
 from workbench.trials.length import TrialLength
-from workbench.trials.metrics import train_scores
 from workbench.trials.study import Sweep, TrialStudy
 
 
@@ -74,5 +74,6 @@ STUDY = TrialStudy(
         ),
     ),
     scorers=(train_scores,),
+    compared=(RIDE,),
     drawings=figures,
 )

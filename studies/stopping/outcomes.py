@@ -26,8 +26,6 @@ class Outcome(NamedTuple):
     error_cm: float
     """NaN where the train never stopped."""
     updates: int
-    peak_jerk: float
-    """m/s^3."""
 
 
 def stop(study: Stopping, law: Any, *, plant: Brake | None = None, forecast: bool = False) -> Outcome:
@@ -38,7 +36,6 @@ def stop(study: Stopping, law: Any, *, plant: Brake | None = None, forecast: boo
     return Outcome(
         100 * (left.position - study.curve.stop_position),
         int((np.abs(left.rows["increment"]) > UPDATE).sum()),
-        float(left.rows["peak_jerk"].max()),
     )
 
 

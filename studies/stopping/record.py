@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 from studies.stopping.run import Stop
+from workbench.contracts.number import finite
 from workbench.contracts.study import Scores
-from workbench.trials.metrics import finite
 
 UPDATE = 1e-6
 """|du| above which a sample counts as an update of the command."""

@@ -55,8 +55,12 @@ def contraction(plant: Any, output: int, gains: Sequence[float]) -> Finding:
     )
 
 
-def relative_degree(plant: Any, outputs: Sequence[str]) -> Finding:
-    """Look for outputs whose first derivative does not depend on the input."""
+def answers_at_once(plant: Any, outputs: Sequence[str]) -> Finding:
+    """Look for outputs whose first derivative by time does not depend on the input.
+
+    That is the relative degree of ``rhs``; the plant's ``relative_degree`` is that of ``step``, where a force held
+    over a sample moves the position too.
+    """
     h_x, b = input_matrix(plant)
     values = ca.evalf(h_x @ b).full().ravel()
     direct = dict(zip([signal.name for signal in plant.outputs], values, strict=True))

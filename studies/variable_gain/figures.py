@@ -10,7 +10,8 @@ import numpy as np
 import xarray as xr
 from matplotlib import pyplot as plt
 
-from workbench.trials.figures import MARKERS, STYLE, ran, styled
+from studies.variable_gain.study import peaks
+from workbench.trials.figures import STYLE, by_trial, ran, styled
 
 SHOWN = (1, 2, 5, 10)
 
@@ -54,9 +55,7 @@ def errors_by_trial(data: xr.Dataset) -> Any:
         for axes, variable, label in zip(
             panels, ("error", "error_speed"), ("max |position error| (m)", "max |speed error| (m/s)"), strict=True
         ):
-            for index, name in enumerate(ran(data)):
-                largest = abs(data[variable].sel(controller=name)).max("sample")
-                axes.semilogy(data["trial"], largest, **styled(index), marker=MARKERS[index], markersize=4, label=name)
+            by_trial(axes, data, partial(peaks, data, variable=variable))
             axes.set(xlabel="trial k", ylabel=label)
             axes.legend()
         return figure
@@ -82,7 +81,7 @@ def initial_error(data: xr.Dataset) -> Any:
         return figure
 
 
-def _by_trial(data: xr.Dataset, controller: str, variable: str, axes: Any) -> None:
+def _trials(data: xr.Dataset, controller: str, variable: str, axes: Any) -> None:
     for index, trial in enumerate(_chosen(data, controller)):
         values = data[variable].sel(controller=controller, trial=trial)
         axes.plot(data["time"], values, **styled(index), label=f"trial {trial}")
@@ -92,8 +91,8 @@ def tracking(data: xr.Dataset, controller: str) -> Any:
     """Draw position and speed errors over time at some trials."""
     with plt.rc_context(STYLE):
         figure, (upper, lower) = plt.subplots(2, 1, sharex=True, figsize=(7.0, 5.4))
-        _by_trial(data, controller, "error", upper)
-        _by_trial(data, controller, "error_speed", lower)
+        _trials(data, controller, "error", upper)
+        _trials(data, controller, "error_speed", lower)
         upper.set(ylabel="position error (m)", title=controller)
         upper.set_yscale("symlog", linthresh=0.1)
         lower.set(ylabel="speed error (m/s)", xlabel="time (s)")
@@ -106,7 +105,7 @@ def force(data: xr.Dataset, controller: str) -> Any:
     """Draw the planned force per unit mass at some trials."""
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()
-        _by_trial(data, controller, "input", axes)
+        _trials(data, controller, "input", axes)
         axes.set(xlabel="time (s)", ylabel="force (N/kg)", title=controller)
         axes.legend()
         return figure
@@ -116,7 +115,7 @@ def learning_gain(data: xr.Dataset, controller: str) -> Any:
     """Draw the learning gain over time at some trials."""
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()
-        _by_trial(data, controller, "law_learning_gain", axes)
+        _trials(data, controller, "law_learning_gain", axes)
         axes.set(xlabel="time (s)", ylabel="learning gain λ", title=controller, ylim=(0, 1.05))
         axes.legend()
         return figure

@@ -16,7 +16,8 @@ import xarray as xr
 from models.metro_line import MetroLine
 from models.plant import Plant
 from models.quantity import count, declared, given, part, quantity, switch
-from models.reference import StationRun
+from models.station_runs import StationRun
+from workbench.contracts.number import finite
 from workbench.contracts.study import Progress, Scores
 from workbench.controllers.fixed_gain import FixedGain
 from workbench.controllers.variable_gain import VariableGain
@@ -132,19 +133,15 @@ def scores(data: xr.Dataset) -> Scores:
         outside = np.flatnonzero(~within)
         first = outside[-1] + 2 if outside.size else 1
         table[name] = {
-            "max_position_error_first": _number(position[0]),
-            "max_position_error_last": _number(position[-1]),
-            "max_speed_error_first": _number(speed[0]),
-            "max_speed_error_last": _number(speed[-1]),
-            "trials_to_tolerance": _number(first) if first <= position.size else None,
-            "initial_position_ratio": _number(start[1] / start[0]) if start.size > 1 and start[0] else None,
-            "diverged_at_trial": _number(data["diverged_at_trial"].sel(controller=name)),
+            "max_position_error_first": finite(position[0]),
+            "max_position_error_last": finite(position[-1]),
+            "max_speed_error_first": finite(speed[0]),
+            "max_speed_error_last": finite(speed[-1]),
+            "trials_to_tolerance": finite(first) if first <= position.size else None,
+            "initial_position_ratio": finite(start[1] / start[0]) if start.size > 1 and start[0] else None,
+            "diverged_at_trial": finite(data["diverged_at_trial"].sel(controller=name)),
         }
     return table
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 STUDY = VariableGainStudy()

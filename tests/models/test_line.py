@@ -9,7 +9,7 @@ import pytest
 from models.line import Line, pieces
 from models.metro_line import PATENT_LINE, MetroLine
 from models.quantity import InvalidValue
-from models.reference import Shuttle, StationRun, Trapezoid
+from models.station_runs import Shuttle, StationRun, Trapezoid
 
 
 def overlap(a, b, c, d):

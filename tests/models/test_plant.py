@@ -7,11 +7,15 @@ import control
 import numpy as np
 import pytest
 
+from models.actuator import Delayed
+from models.discretise import euler, rk4
 from models.line import FLAT, HILLY, Line
+from models.metro_profile import MetroProfile, metro_speed
 from models.plant import Plant, signals
 from models.point_mass import PointMass
-from models.quantity import InvalidValue, declared, quantity, symbolised
-from models.reference import MetroProfile, metro_speed
+from models.quantity import InvalidValue, choice, declared, quantity, symbolised
+from models.switched_delay import SwitchedDelay
+from models.transfer import Transfer
 
 
 @declared
@@ -110,6 +114,128 @@ def test_derivative_of_unknown_name_is_refused():
         PointMass().derivative("weight")
     with pytest.raises(InvalidValue, match="x_next"):
         PointMass().derivative("u", of="z")
+
+
+@declared
+class TwoTanks(Plant):
+    """Two tanks in series, the first with a pump, the second with a valve that closes at sample 5."""
+
+    inputs = signals(pump="m^3/s", valve="1")
+    states = signals(first="m", second="m")
+    outputs = signals(level="m", other=("m", "level of the first tank"))
+    drain: float = quantity(default=0.25, unit="1", doc="share that flows on in a sample", above=0, below=1)
+    sampling_time: float = quantity(default=1.0, unit="s", doc="sampling time", above=0)
+
+    def step(self, x, u, w, k):
+        on = self.drain * x.first
+        return x.first - on + u.pump, x.second + 0.5 * on + ca.if_else(k < 5, 2.0 * u.valve, 0.0)
+
+    def output(self, x):
+        return x.second, x.first
+
+
+@declared
+class Cancelling(Plant):
+    """A plant whose input stands in the next output and yet does not act there, or acts without a slope."""
+
+    inputs = signals(u="1")
+    states = signals(a="1", b="1")
+    outputs = signals(a="1")
+    form: str = choice(default="folded", options=("folded", "times 0", "cancels", "scaled", "stairs"), doc="how")
+    sampling_time: float = quantity(default=1.0, unit="s", doc="sampling time", above=0)
+
+    def step(self, x, u, w, k):
+        through = {
+            "folded": u.u - u.u,
+            "times 0": u.u * 0,
+            "cancels": (x.b + u.u) * (x.b - u.u) + u.u**2 - x.b**2,
+            "scaled": (0.1 * x.b + 0.1 * u.u) ** 2 - 0.01 * u.u**2 - 0.02 * x.b * u.u,
+            "stairs": ca.floor(u.u),
+        }
+        return x.b + through[self.form], u.u
+
+    def output(self, x):
+        return (x.a,)
+
+
+PAST = Delayed(plant=TwoTanks(), samples=3)
+SWITCHED = SwitchedDelay(plant=Transfer(), schedule=((0, 3), (10, 1), (20, 2)))
+DEGREES = [
+    ("train", PointMass(), {}, 1, 3.6 * 0.1 / 350_000),
+    ("tanks in series", TwoTanks(), {}, 2, 0.125),
+    ("tanks, other output", TwoTanks(), {"output": "other"}, 1, 1.0),
+    ("tanks, other input", TwoTanks(), {"k": 4, "input": "valve"}, 1, 2.0),
+    ("tanks, valve shut", TwoTanks(), {"k": 5, "input": "valve"}, None, None),
+    ("tanks, the valve never moves the first", TwoTanks(), {"output": "other", "input": "valve"}, None, None),
+    ("tanks, the valve at any sample", TwoTanks(), {"input": "valve"}, 1, 2.0),
+    ("late tanks", PAST, {"k": 0}, 5, 0.125),
+    ("late tanks, other output", PAST, {"k": 0, "output": "other"}, 4, 1.0),
+    ("late tanks, valve opened in time", PAST, {"k": 1, "input": "valve"}, 4, 2.0),
+    ("late tanks, valve opened too late", PAST, {"k": 2, "input": "valve"}, None, None),
+    ("no dead time", Transfer(), {"k": 0}, 1, 1 - np.exp(-0.2)),
+    ("one sample", Delayed(plant=Transfer(), samples=1), {"k": 0}, 2, 1 - np.exp(-0.2)),
+    ("five samples", Delayed(plant=Transfer(), samples=5), {}, 6, 1 - np.exp(-0.2)),
+    ("beyond the limit", Delayed(plant=Transfer(), samples=20), {"limit": 10}, None, None),
+    ("at the limit", Delayed(plant=Transfer(), samples=20), {"limit": 21}, 21, 1 - np.exp(-0.2)),
+    ("switched, long", SWITCHED, {"k": 0}, 4, 1 - np.exp(-0.2)),
+    ("switched, short", SWITCHED, {"k": 10}, 2, 1 - np.exp(-0.2)),
+    ("switched, sent while it shortens", SWITCHED, {"k": 9}, 2, 1 - np.exp(-0.2)),
+    ("switched, last", SWITCHED, {"k": 25}, 3, 1 - np.exp(-0.2)),
+    ("switched, at some sample", SWITCHED, {}, 2, None),
+]
+
+
+@pytest.mark.parametrize(("case", "plant", "asked", "degree", "slope"), DEGREES, ids=[row[0] for row in DEGREES])
+def test_relative_degree(case, plant, asked, degree, slope):
+    assert plant.relative_degree(**asked) == degree
+    found = plant.first_effect(**asked)
+    if degree is None:
+        assert found is None
+        return
+    assert found.degree == degree
+    if slope is not None:
+        assert found.slope_at_rest == pytest.approx(slope, rel=1e-12) and found.shown
+    # against trials of the compiled step, one of them with another input at sample k
+    step, output = plant.step_function(), plant.output_function()
+    row = [signal.name for signal in plant.outputs].index(asked.get("output", plant.outputs[0].name))
+    column = [signal.name for signal in plant.inputs].index(asked.get("input", plant.inputs[0].name))
+    start = asked.get("k", 10 if "some sample" in case else 0)
+    seen = []
+    for change in (0.0, 1.0):
+        x, u, y = np.linspace(0.1, 0.9, len(plant.states)), np.full((len(plant.inputs), degree), 0.3), []
+        u[column, 0] += change
+        for i in range(degree):
+            x = step(x, u[:, i], [], start + i)
+            y.append(float(output(x)[row]))
+        seen.append(np.array(y))
+    change = seen[1] - seen[0]
+    assert (change[:-1] == 0).all() and change[-1] != 0
+    given = {"x": np.linspace(0.1, 0.9, len(plant.states)), "u": np.full((len(plant.inputs), degree), 0.3)}
+    given |= {} if "k" in asked else {"k": start}
+    assert float(found.slope(**given)["dy_du"]) == pytest.approx(change[-1], rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("form", "degree", "shown"),
+    [("folded", 2, True), ("times 0", 2, True), ("cancels", 1, False), ("scaled", 1, False), ("stairs", 1, True)],
+)
+def test_a_structural_degree_says_where_it_may_be_too_small(form, degree, shown):
+    found = Cancelling(form=form).first_effect()
+    assert (found.degree, found.shown) == (degree, shown)
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"output": "speed"}, "output must be one of: level, other; got 'speed'"),
+        ({"input": "force"}, "input must be one of: pump, valve; got 'force'"),
+        ({"k": 1.5}, "k must be a whole number, or left out for every sample, got 1.5"),
+        ({"k": True}, "k must be a whole number"),
+    ],
+)
+def test_a_relative_degree_of_nothing_is_refused(asked, message):
+    with pytest.raises(InvalidValue, match=message):
+        TwoTanks().relative_degree(**asked)
 
 
 def simpson(profile, front, length):
@@ -215,3 +341,15 @@ def test_a_step_of_the_wrong_shape_is_refused(given, message):
 
     with pytest.raises(InvalidValue, match=message):
         Cart().step_function()
+
+
+@pytest.mark.parametrize(("method", "order"), [(euler, 1), (rk4, 4)])
+def test_integrators_have_their_order(method, order):
+    """Error against the solution of dx/dt = t - x, x(0) = 1: substeps twice as fine make it 2^order times smaller."""
+    exact = 2 * np.exp(-0.8) - 0.2
+
+    def error(substeps):
+        return abs(float(method(lambda x, t: t - x, ca.DM(1.0), 0.0, 0.8, substeps)) - exact)
+
+    assert error(8) < 0.1
+    assert error(8) / error(16) == pytest.approx(2**order, rel=0.12)

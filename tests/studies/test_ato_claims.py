@@ -14,10 +14,10 @@ from models.quantity import InvalidValue
 from models.transfer import Transfer
 from studies.ato.claims import examine, f_continuous
 from studies.ato.study import STUDY
-from verification.checks.continuity import continuous_by_composition, find_jump
+from verification.checks.jump import find_jump
 from verification.checks.linear_loop import critical_gain, incremental_pid
-from verification.checks.relative_degree import relative_degree
 from verification.decide.verify import verify
+from verification.enclosure.smoothness import continuous_everywhere
 from workbench.contracts.verdict import Standing
 from workbench.controllers.bp_fipid import BPFIPID
 from workbench.controllers.fipid import FIPID
@@ -111,13 +111,6 @@ def test_claims_that_hold_are_refuted_by_records_that_break_them():
         assert found[claim, "bp-fipid"] is REFUTED, claim
 
 
-@pytest.mark.parametrize(("samples", "degree"), [(0, 1), (1, 2), (5, 6)])
-def test_relative_degree(samples, degree):
-    found = relative_degree(delayed(Transfer(numerator=(0.5,)), 0.2 * samples))
-    assert found.degree == degree and found.slope == pytest.approx(0.5 * (1 - np.exp(-0.2)), rel=1e-12)
-    assert relative_degree(delayed(Transfer(), 4.0), most=10) is None
-
-
 @pytest.mark.parametrize(("kind", "standing"), [("rules", REFUTED), ("smooth", PROVED)])
 def test_continuity_of_the_stimulus(kind, standing):
     assert f_continuous(kind).standing is standing
@@ -127,8 +120,8 @@ def test_jumps_are_found_and_steep_slopes_are_none():
     assert find_jump(lambda x: float(x >= 0.3), (-1,), (1,)).size == 1.0
     assert find_jump(lambda x, y: np.tanh(1e5 * (x - 0.31)) + y, (-1, -1), (1, 1)) is None
     x = ca.SX.sym("x")
-    assert continuous_by_composition(ca.Function("g", [x], [ca.tanh(x) * x + 1]))
-    assert not continuous_by_composition(ca.Function("g", [x], [ca.if_else(x > 0, x, 1)]))
+    assert continuous_everywhere(ca.Function("g", [x], [ca.tanh(x) * x + 1]))
+    assert not continuous_everywhere(ca.Function("g", [x], [ca.if_else(x > 0, x, 1)]))
 
 
 def test_critical_gain_against_the_phase_margin_route_and_a_simulation():

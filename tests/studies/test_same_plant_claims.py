@@ -6,8 +6,8 @@ import control
 import numpy as np
 import pytest
 
+from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
-from models.reference import MetroProfile
 from studies.same_plant.claims import whose_proof
 from verification.checks.linear_loop import incremental_pid, observed, positional_pid, spectral_radius
 from verification.decide.verify import verify

@@ -207,3 +207,7 @@ def test_assignments_are_made_together():
     )
     assert study.trial_length.probabilities == (0.5, 0.5)
     assert study.plant == PointMass(reading="printed")
+    study = settings.assigned(studies.find("metro"), ['plant={"mass":3e5}', "plant.line=flat", "plant.mass=4e5"])
+    assert study.plant == PointMass(mass=4e5, line="flat")
+    with pytest.raises(settings.InvalidValue, match=r"plant\.mass lies within plant, which is given a value too"):
+        settings.assigned(studies.find("metro"), ["plant=3", "plant.mass=4e5"])

@@ -1,7 +1,7 @@
 """The assumptions of model-free adaptive ILC, checked on the symbolic plant and on what a campaign left.
 
-Numbered as in Jiao & Hou (2025): A1 (df/du exists and is continuous), A2 (generalised Lipschitz condition along
-trials), A3 (trial lengths), A4 (sign of the PPD), Lemma 1 (the data model). Each check returns a Finding.
+Numbered as in doi 10.7641/CTA.2024.30465: A1 (df/du exists and is continuous), A2 (generalised Lipschitz condition
+along trials), A3 (trial lengths), A4 (sign of the PPD), Lemma 1 (the data model). Each check returns a Finding.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from verification.enclosure.bounds import bound, prove_positive
 from verification.enclosure.box import Box
 from verification.enclosure.reach import Reach
 from verification.enclosure.smoothness import continuous_on
+from workbench.contracts.number import finite
 from workbench.contracts.verdict import Finding, Standing, undecided
 from workbench.evidence.lifted import Lifted
 from workbench.evidence.ppd import Evidence, gain_unit, learned_signal, units_of
@@ -229,7 +230,7 @@ def lipschitz_lifted(plant: Plant, evidence: Evidence, box: Box) -> Finding:
             )
     return Finding(
         standing=Standing.SUPPORTED if np.isfinite(p) else Standing.UNDECIDED,
-        margin=p if np.isfinite(p) else None,
+        margin=finite(p),
         unit=gain_unit(*units_of(plant)),
         witness=witness,
         method="row sums of |G| along the trajectory of the last trial's plan, run to the horizon; the margin is p",

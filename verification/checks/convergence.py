@@ -12,9 +12,9 @@ from models.plant import Plant
 from verification.checks.assumptions import lifted_along
 from verification.checks.domain import described
 from verification.checks.row_sums import slope_bounds
-from verification.enclosure.bounds import bound
 from verification.enclosure.box import Box
 from workbench.contracts.law import Stateful
+from workbench.contracts.number import finite
 from workbench.contracts.verdict import Finding, Standing, undecided
 from workbench.evidence.learning_operator import gain, memories
 from workbench.evidence.lifted import Lifted, SingularValue, largest_singular_value
@@ -320,7 +320,7 @@ def peak(observed: Any, predicted: Any) -> Finding:
     ratio = max(seen / said, said / seen) if said > 0 and seen > 0 and np.isfinite(said) else np.inf
     return Finding(
         standing=Standing.SUPPORTED if ratio <= 3 else Standing.REFUTED,
-        margin=3 - ratio if np.isfinite(ratio) else None,
+        margin=finite(3 - ratio),
         unit="factor",
         witness=witness,
         method="I - G L frozen at the last trial, run from the first trial's error with the recorded trial lengths; "
@@ -341,9 +341,3 @@ def predicted_mse(found: Monotone, e0: Any, lengths: Any, signal_sum: bool) -> A
         known = np.where(np.arange(e.size) < length, e, 0.0)
         u = u + found.gain @ known
     return result
-
-
-def box_gain(plant: Plant, box: Box) -> float:
-    """Return sup |dy(k+1)/du(k)| over the box, rounded up; infinite where it cannot be bounded."""
-    found = bound(plant.derivative("u", of="y_next"), box, budget=600)
-    return max(abs(found.lower), abs(found.upper))

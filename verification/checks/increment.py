@@ -55,18 +55,24 @@ def _first_gain(law: Any) -> float:
     return float(law.rho * phi / (law.lam + phi**2) * law.force_unit)
 
 
+def _slopes(plant: Plant, evidence: Evidence, box: Box) -> SlopeBounds | Finding:
+    """Bound the increment's slopes over a box, or say why the theorem says nothing there."""
+    outside = _outside(evidence)
+    if outside:
+        return undecided(outside)
+    slopes = slope_bounds(plant, box, increment=True)
+    return undecided(slopes.reason) if slopes.reason else slopes
+
+
 def monotone(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     """The largest input error falls from trial to trial for every phi > 0: PROVED over the box where b_low > r.
 
     REFUTED where, along the last trial's plan, the row sum of |H| off the diagonal exceeds the diagonal: then an
     input error of size 1 with the signs of that row grows.
     """
-    outside = _outside(evidence)
-    if outside:
-        return undecided(outside)
-    slopes = slope_bounds(plant, box, increment=True)
-    if slopes.reason:
-        return undecided(slopes.reason)
+    slopes = _slopes(plant, evidence, box)
+    if isinstance(slopes, Finding):
+        return slopes
     n = evidence.trajectories.u.shape[1]
     r = float(off_diagonal(slopes, n).max())
     gain = largest_gain(evidence.law)
@@ -106,12 +112,9 @@ def monotone(plant: Plant, evidence: Evidence, box: Box) -> Finding:
 
 def weighted(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     """The weighted input error max_k |d(k)| a^k falls from trial to trial, with the largest such a that was found."""
-    outside = _outside(evidence)
-    if outside:
-        return undecided(outside)
-    slopes = slope_bounds(plant, box, increment=True)
-    if slopes.reason:
-        return undecided(slopes.reason)
+    slopes = _slopes(plant, evidence, box)
+    if isinstance(slopes, Finding):
+        return slopes
     n = evidence.trajectories.u.shape[1]
     if not slopes.gain_low > 0:
         return undecided(f"the gain must be positive over the box, its bound is {slopes.gain_low:.3g}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -36,10 +36,6 @@ def starts(law: RMPC | RSMPC, number: int, *, seed: int) -> Iterator[Array]:
         yield center + (0.999, 0.7, 0.4, 0.1)[index % 4] * reach * direction
 
 
-def _best(law: RMPC | RSMPC, e: Array) -> Any:
-    return law.plan(e) if isinstance(law, RMPC) else law.plan(e, 1)
-
-
 def nominal_decrease(law: RMPC, *, runs: int = 12, steps: int = 25, seed: int = 0) -> Finding:
     """Without disturbance J falls by at least the stage cost at each sample; (18)."""
     tube = law.tube
@@ -59,12 +55,8 @@ def nominal_decrease(law: RMPC, *, runs: int = 12, steps: int = 25, seed: int = 
             if slack < worst:
                 worst, witness = slack, {"e": e, "J": before.J, "stage cost": stage, "J next": after.J}
             e, before = after_e, after
-    return Finding(
-        standing=Standing.SUPPORTED if worst >= -SLACK else Standing.REFUTED,
-        margin=worst,
-        unit="of J",
-        witness=witness,
-        method=f"{looked} samples of {runs} undisturbed runs from the edge of the feasible set inward",
+    return _never_below(
+        worst, "of J", witness, f"{looked} samples of {runs} undisturbed runs from the edge of the feasible set inward"
     )
 
 
@@ -82,12 +74,11 @@ def disturbed_decrease(law: RMPC) -> Finding:
         return undecided(after.reason)
     stage = float(e @ tube.Q @ e + tube.R * before.du[0] ** 2)
     slack = before.J - stage - after.J
-    return Finding(
-        standing=Standing.SUPPORTED if slack >= -SLACK else Standing.REFUTED,
-        margin=slack,
-        unit="1",
-        witness={"e": e, "w": w, "J": before.J, "stage cost": stage, "J next": after.J},
-        method="one sample from rest under a disturbance at a vertex of W",
+    return _never_below(
+        slack,
+        "1",
+        {"e": e, "w": w, "J": before.J, "stage cost": stage, "J next": after.J},
+        "one sample from rest under a disturbance at a vertex of W",
     )
 
 
@@ -108,12 +99,8 @@ def suboptimality(law: RSMPC, *, runs: int = 8, steps: int = 500, seed: int = 0)
         slack = (law.beta * best.J - spent) / max(1.0, best.J)
         if slack < worst:
             worst, witness = slack, {"e": first, "beta J": law.beta * best.J, "spent": spent, "e at the end": e}
-    return Finding(
-        standing=Standing.SUPPORTED if worst >= -SLACK else Standing.REFUTED,
-        margin=worst,
-        unit="of J",
-        witness=witness,
-        method=f"{runs} undisturbed runs of {steps} samples, the cost after them left out",
+    return _never_below(
+        worst, "of J", witness, f"{runs} undisturbed runs of {steps} samples, the cost after them left out"
     )
 
 
@@ -130,12 +117,22 @@ def disturbed_suboptimality(law: RSMPC, *, steps: int = 100) -> Finding:
         spent += float(e @ tube.Q @ e + tube.R * decision.du**2)
         e = tube.plant.A @ e + tube.plant.b * decision.du + tube.plant.A_delay @ w
     slack = law.beta * best.J - spent
+    return _never_below(
+        slack,
+        "1",
+        {"e": np.zeros(tube.plant.order), "w at each sample": w, "beta J": law.beta * best.J, "spent": spent},
+        f"{steps} samples from rest under a constant disturbance at a vertex of W; it grows without end",
+    )
+
+
+def _never_below(slack: float, unit: str, witness: Mapping[str, Any], method: str) -> Finding:
+    """Return the finding of a search for the least slack of an inequality, which may be below 0 by rounding only."""
     return Finding(
         standing=Standing.SUPPORTED if slack >= -SLACK else Standing.REFUTED,
         margin=slack,
-        unit="1",
-        witness={"e": np.zeros(tube.plant.order), "w at each sample": w, "beta J": law.beta * best.J, "spent": spent},
-        method=f"{steps} samples from rest under a constant disturbance at a vertex of W; it grows without end",
+        unit=unit,
+        witness=witness,
+        method=method,
     )
 
 

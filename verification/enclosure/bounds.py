@@ -5,15 +5,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-import casadi as ca
 import numpy as np
 
 from verification.enclosure import outward
 from verification.enclosure.box import Box
 from verification.enclosure.branch_and_bound import Scalar, Search, minimise
+from verification.enclosure.face import Enclosed, face
 from verification.enclosure.interval import reason, supported
 from verification.enclosure.outward import Array
-from verification.enclosure.rewriting import graph_of
+from verification.enclosure.rewriting import rewritten
 
 Standing = Literal["proved", "refuted", "undecided"]
 BUDGET = 4096  # boxes
@@ -84,17 +84,18 @@ class Proof:
     reason: str | None
 
 
-def _scalars(function: ca.Function, output: str | None, signs: tuple[int, ...], slopes: bool) -> list[Scalar] | str:
+def _scalars(function: Enclosed, output: str | None, signs: tuple[int, ...], slopes: bool) -> list[Scalar] | str:
     """Return the scalars of an output, or a sentence saying why there are none."""
-    names = function.name_out()
+    title, _, outputs = face(function)
+    names = list(outputs)
     if output is None and len(names) != 1:
-        raise ValueError(f"{function.name()} has outputs {names}: name one")
+        raise ValueError(f"{title} has outputs {names}: name one")
     name = names[0] if output is None else output
     if name not in names:
-        raise ValueError(f"{function.name()} has outputs {names}, got {name!r}")
+        raise ValueError(f"{title} has outputs {names}, got {name!r}")
     if not outward.arithmetic_is_ieee():
         return "this process does not round to nearest or drops subnormals"
-    graph = graph_of(function)
+    graph = rewritten(function)
     if isinstance(graph, str):
         return graph
     for k in graph.ancestors(tuple(entry.node for entry in graph.outputs[name])):
@@ -103,14 +104,14 @@ def _scalars(function: ca.Function, output: str | None, signs: tuple[int, ...], 
     nodes = [entry.node for entry in graph.outputs[name]]
     rows, columns = graph.shapes[name]
     if not rows * columns:
-        raise ValueError(f"{function.name()}: the output {name} is empty")
+        raise ValueError(f"{title}: the output {name} is empty")
     if len(nodes) < rows * columns:
         graph, zero = graph.with_constant(0.0)
         nodes.append(zero)
     return [Scalar(graph=graph, node=k, sign=sign, sloped=slopes) for k in dict.fromkeys(nodes) for sign in signs]
 
 
-def _attained(function: ca.Function, search: Search, sign: int) -> Attained | None:
+def _attained(function: Enclosed, search: Search, sign: int) -> Attained | None:
     """Return the best point of a search as a named point."""
     if search.where is None:
         return None
@@ -119,7 +120,7 @@ def _attained(function: ca.Function, search: Search, sign: int) -> Attained | No
 
 
 def _extremum(
-    function: ca.Function,
+    function: Enclosed,
     ends: tuple[Array, Array],
     entries: list[Scalar],
     budget: int,
@@ -139,7 +140,7 @@ def _extremum(
 
 
 def bound(
-    function: ca.Function,
+    function: Enclosed,
     box: Box,
     output: str | None = None,
     *,
@@ -174,7 +175,7 @@ def bound(
         raise ValueError(f"tolerance must be positive, got {tolerance}")
     ends = box.coordinates(function)
     entries = _scalars(function, output, (1, -1), slopes)
-    name = output or function.name_out()[0]
+    name = output or next(iter(face(function).outputs))
     if isinstance(entries, str):
         return Bounds(output=name, lower=-np.inf, upper=np.inf, attained_min=None, attained_max=None, boxes_used=0,
                       reason=entries)  # fmt: skip
@@ -201,7 +202,7 @@ def _check_budget(budget: int) -> None:
 
 
 def prove_bounds(
-    function: ca.Function,
+    function: Enclosed,
     box: Box,
     output: str | None = None,
     *,
@@ -258,7 +259,7 @@ def prove_bounds(
 
 
 def prove_positive(
-    function: ca.Function, box: Box, output: str | None = None, *, budget: int = BUDGET, slopes: bool = True
+    function: Enclosed, box: Box, output: str | None = None, *, budget: int = BUDGET, slopes: bool = True
 ) -> Proof:
     """Prove or refute that every entry of an output is positive on a box; see `prove_bounds`."""
     return prove_bounds(function, box, output, lower=0.0, strict=True, budget=budget, slopes=slopes)

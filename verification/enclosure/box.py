@@ -4,9 +4,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from verification.enclosure.face import Enclosed, face
 
 Array = NDArray[np.float64]
 
@@ -127,7 +128,7 @@ class Box(Mapping[str, tuple[Array, Array]]):
         upper[place] = lower[place] = middle
         return Box({**self, name: (self[name][0], upper)}), Box({**self, name: (lower, self[name][1])})
 
-    def coordinates(self, function: ca.Function) -> tuple[Array, Array]:
+    def coordinates(self, function: Enclosed) -> tuple[Array, Array]:
         """Return the ends of all structural nonzeros of a Function's inputs, one after another.
 
         Raises
@@ -135,27 +136,25 @@ class Box(Mapping[str, tuple[Array, Array]]):
         ValueError
             Where the box does not name exactly the Function's inputs or a shape does not fit.
         """
-        names = function.name_in()
+        title, inputs, _ = face(function)
+        names = [taken.name for taken in inputs]
         if set(names) != set(self):
-            raise ValueError(f"{function.name()} has inputs {names}, the box has {list(self)}")
+            raise ValueError(f"{title} has inputs {names}, the box has {list(self)}")
         ends: list[list[Array]] = [[np.zeros(0)], [np.zeros(0)]]
-        for i, name in enumerate(names):
-            shape = function.size_in(i)
-            rows, columns = function.sparsity_in(i).get_triplet()
+        for name, shape, rows, columns in inputs:
             for collected, end in zip(ends, self[name], strict=True):
                 if end.size != 1 and end.shape != shape:
-                    raise ValueError(f"{name}: {function.name()} expects {shape}, the box has {end.shape}")
+                    raise ValueError(f"{name}: {title} expects {shape}, the box has {end.shape}")
                 collected.append(np.broadcast_to(end, shape)[rows, columns] if rows else np.zeros(0))
         return np.concatenate(ends[0]), np.concatenate(ends[1])
 
     @classmethod
-    def from_coordinates(cls, function: ca.Function, lower: Array, upper: Array) -> "Box":
+    def from_coordinates(cls, function: Enclosed, lower: Array, upper: Array) -> "Box":
         """Return the box whose `coordinates` are given; structural zeros are zero."""
         ranges: dict[str, tuple[ArrayLike, ArrayLike] | ArrayLike] = {}
         start = 0
-        for i, name in enumerate(function.name_in()):
-            rows, columns = function.sparsity_in(i).get_triplet()
-            ends = np.zeros(function.size_in(i)), np.zeros(function.size_in(i))
+        for name, shape, rows, columns in face(function).inputs:
+            ends = np.zeros(shape), np.zeros(shape)
             for end, values in zip(ends, (lower, upper), strict=True):
                 end[rows, columns] = values[start : start + len(rows)]
             start += len(rows)

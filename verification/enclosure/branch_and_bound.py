@@ -16,7 +16,7 @@ import numpy as np
 from verification.enclosure import outward
 from verification.enclosure.interval import Value, evaluate, reason
 from verification.enclosure.outward import Array, Mask, Span
-from verification.enclosure.rewriting import Graph
+from verification.enclosure.rewriting import Rewritten
 from verification.enclosure.slopes import gradient
 
 _BATCH = 256  # boxes split at a time: enough to spread the cost of Python, few enough to stay best-first
@@ -26,7 +26,7 @@ _BATCH = 256  # boxes split at a time: enough to spread the cost of Python, few 
 class Scalar:
     """One scalar, the sign that turns its supremum into an infimum, and whether to use its gradient."""
 
-    graph: Graph
+    graph: Rewritten
     node: int
     sign: int
     sloped: bool

@@ -8,76 +8,77 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from verification.enclosure import outward, outward_logic
 from verification.enclosure.box import Box
+from verification.enclosure.face import Enclosed, face
 from verification.enclosure.outward import Array, Mask, Span
-from verification.enclosure.rewriting import COVER, MEET, NAMES, SELECT, Graph, Node, graph_of
+from verification.enclosure.rewriting import COVER, MEET, SELECT, Quantity, Rewritten, rewritten
+from workbench.graph.operations import CONSTANT, INPUT
 
 Faults = NDArray[np.int64]
 
-TOTAL: Mapping[int, Callable[..., Span]] = {
-    ca.OP_ADD: outward.add,
-    ca.OP_SUB: outward.sub,
-    ca.OP_MUL: outward.mul,
-    ca.OP_NEG: outward.neg,
-    ca.OP_TWICE: outward.twice,
-    ca.OP_SQ: outward.square,
-    ca.OP_EXP: outward.exp,
-    ca.OP_EXPM1: outward.expm1,
-    ca.OP_SIN: outward.sin,
-    ca.OP_COS: outward.cos,
-    ca.OP_ATAN: outward.atan,
-    ca.OP_ATAN2: outward.atan2,
-    ca.OP_SINH: outward.sinh,
-    ca.OP_COSH: outward.cosh,
-    ca.OP_TANH: outward.tanh,
-    ca.OP_ASINH: outward.asinh,
-    ca.OP_ERF: outward.erf,
-    ca.OP_HYPOT: outward.hypot,
-    ca.OP_FABS: outward.magnitude,
-    ca.OP_SIGN: lambda a: Span(np.sign(a.lo), np.sign(a.hi)),
-    ca.OP_FLOOR: lambda a: Span(np.floor(a.lo), np.floor(a.hi)),
-    ca.OP_CEIL: lambda a: Span(np.ceil(a.lo), np.ceil(a.hi)),
-    ca.OP_FMIN: lambda a, b: Span(np.minimum(a.lo, b.lo), np.minimum(a.hi, b.hi)),
-    ca.OP_FMAX: lambda a, b: Span(np.maximum(a.lo, b.lo), np.maximum(a.hi, b.hi)),
-    ca.OP_COPYSIGN: outward.copysign,
-    ca.OP_LT: outward_logic.less,
-    ca.OP_LE: outward_logic.less_equal,
-    ca.OP_EQ: outward_logic.equal,
-    ca.OP_NE: lambda a, b: outward_logic.negation(outward_logic.equal(a, b)),
-    ca.OP_NOT: outward_logic.negation,
-    ca.OP_AND: lambda a, b: _both(outward_logic.truth(a), outward_logic.truth(b), np.minimum),
-    ca.OP_OR: lambda a, b: _both(outward_logic.truth(a), outward_logic.truth(b), np.maximum),
-    ca.OP_IF_ELSE_ZERO: outward_logic.gate,
+TOTAL: Mapping[str, Callable[..., Span]] = {
+    "add": outward.add,
+    "sub": outward.sub,
+    "mul": outward.mul,
+    "neg": outward.neg,
+    "twice": outward.twice,
+    "sq": outward.square,
+    "exp": outward.exp,
+    "expm1": outward.expm1,
+    "sin": outward.sin,
+    "cos": outward.cos,
+    "atan": outward.atan,
+    "atan2": outward.atan2,
+    "sinh": outward.sinh,
+    "cosh": outward.cosh,
+    "tanh": outward.tanh,
+    "asinh": outward.asinh,
+    "erf": outward.erf,
+    "hypot": outward.hypot,
+    "fabs": outward.magnitude,
+    "sign": lambda a: Span(np.sign(a.lo), np.sign(a.hi)),
+    "floor": lambda a: Span(np.floor(a.lo), np.floor(a.hi)),
+    "ceil": lambda a: Span(np.ceil(a.lo), np.ceil(a.hi)),
+    "fmin": lambda a, b: Span(np.minimum(a.lo, b.lo), np.minimum(a.hi, b.hi)),
+    "fmax": lambda a, b: Span(np.maximum(a.lo, b.lo), np.maximum(a.hi, b.hi)),
+    "copysign": outward.copysign,
+    "lt": outward_logic.less,
+    "le": outward_logic.less_equal,
+    "eq": outward_logic.equal,
+    "ne": lambda a, b: outward_logic.negation(outward_logic.equal(a, b)),
+    "not": outward_logic.negation,
+    "and": lambda a, b: _both(outward_logic.truth(a), outward_logic.truth(b), np.minimum),
+    "or": lambda a, b: _both(outward_logic.truth(a), outward_logic.truth(b), np.maximum),
+    "if_else_zero": outward_logic.gate,
     SELECT: outward_logic.select,
     COVER: lambda a, b: Span(np.maximum(a.lo + b.lo, 1.0), a.hi + b.hi),
     MEET: outward.meet,
 }
 """Operations that exist for every argument."""
 
-PARTIAL: Mapping[int, tuple[Callable[..., tuple[Span, Mask]], str]] = {
-    ca.OP_DIV: (outward.div, "the divisor may be zero"),
-    ca.OP_INV: (lambda a: outward.div(outward.point(1.0), a), "the divisor may be zero"),
-    ca.OP_SQRT: (outward.sqrt, "the argument may be negative"),
-    ca.OP_LOG: (outward.log, "the argument may be zero or negative"),
-    ca.OP_LOG1P: (outward.log1p, "the argument may reach -1"),
-    ca.OP_TAN: (outward.tan, "the argument may reach a pole"),
-    ca.OP_ASIN: (outward.asin, "the argument may leave [-1, 1]"),
-    ca.OP_ACOS: (outward.acos, "the argument may leave [-1, 1]"),
-    ca.OP_ACOSH: (outward.acosh, "the argument may fall below 1"),
-    ca.OP_ATANH: (outward.atanh, "the argument may reach -1 or 1"),
-    ca.OP_ERFINV: (outward.erfinv, "the argument may reach -1 or 1"),
-    ca.OP_POW: (outward.power, "the base may be zero or negative where the exponent does not allow it"),
-    ca.OP_FMOD: (outward.fmod, "the divisor may be zero"),
+PARTIAL: Mapping[str, tuple[Callable[..., tuple[Span, Mask]], str]] = {
+    "div": (outward.div, "the divisor may be zero"),
+    "inv": (lambda a: outward.div(outward.point(1.0), a), "the divisor may be zero"),
+    "sqrt": (outward.sqrt, "the argument may be negative"),
+    "log": (outward.log, "the argument may be zero or negative"),
+    "log1p": (outward.log1p, "the argument may reach -1"),
+    "tan": (outward.tan, "the argument may reach a pole"),
+    "asin": (outward.asin, "the argument may leave [-1, 1]"),
+    "acos": (outward.acos, "the argument may leave [-1, 1]"),
+    "acosh": (outward.acosh, "the argument may fall below 1"),
+    "atanh": (outward.atanh, "the argument may reach -1 or 1"),
+    "erfinv": (outward.erfinv, "the argument may reach -1 or 1"),
+    "pow": (outward.power, "the base may be zero or negative where the exponent does not allow it"),
+    "fmod": (outward.fmod, "the divisor may be zero"),
 }
 """Operations that do not, with what can go wrong."""
 
-_ITSELF: Mapping[int, float] = {
-    ca.OP_SUB: 0.0, ca.OP_LT: 0.0, ca.OP_NE: 0.0, ca.OP_LE: 1.0, ca.OP_EQ: 1.0, ca.OP_DIV: 1.0,
+_ITSELF: Mapping[str, float] = {
+    "sub": 0.0, "lt": 0.0, "ne": 0.0, "le": 1.0, "eq": 1.0, "div": 1.0,
 }  # fmt: skip
 """What an operation gives when both of its arguments are one quantity."""
 
@@ -93,7 +94,7 @@ class Value(NamedTuple):
     fault: Faults | None
 
 
-def evaluate(graph: Graph, lower: Array, upper: Array, targets: Iterable[int]) -> dict[int, Value]:
+def evaluate(graph: Rewritten, lower: Array, upper: Array, targets: Iterable[int]) -> dict[int, Value]:
     """Enclose nodes of a graph on many boxes.
 
     Parameters
@@ -114,10 +115,10 @@ def evaluate(graph: Graph, lower: Array, upper: Array, targets: Iterable[int]) -
     with np.errstate(all="ignore"):
         for k in graph.ancestors(tuple(targets)):
             node = graph.nodes[k]
-            if node.op == ca.OP_INPUT:
+            if node.op == INPUT:
                 low = lower[node.coordinate]
                 values[k] = Value(Span(low, low if upper is lower else upper[node.coordinate]), None)
-            elif node.op == ca.OP_CONST:
+            elif node.op == CONSTANT:
                 known = bool(np.isfinite(node.value))
                 span = outward.point(node.value) if known else outward.full(np.zeros(1))
                 values[k] = Value(span, None if known else np.array([k]))
@@ -126,7 +127,7 @@ def evaluate(graph: Graph, lower: Array, upper: Array, targets: Iterable[int]) -
     return values
 
 
-def _operate(k: int, op: int, args: tuple[int, ...], values: list[Value]) -> Value:
+def _operate(k: int, op: str, args: tuple[int, ...], values: list[Value]) -> Value:
     """Apply one operation to its enclosed arguments."""
     spans = [value.span for value in values]
     bad: Mask | None = None
@@ -148,12 +149,12 @@ def _operate(k: int, op: int, args: tuple[int, ...], values: list[Value]) -> Val
     return Value(Span(np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)), fault)
 
 
-def _inherited(op: int, values: list[Value]) -> Faults | None:
+def _inherited(op: str, values: list[Value]) -> Faults | None:
     """Return the faults of the arguments that count: a branch that is surely not taken does not."""
     faults = [value.fault for value in values]
     if op == MEET:
         return faults[1]
-    if op in (ca.OP_IF_ELSE_ZERO, SELECT) and any(fault is not None for fault in faults[1:]):
+    if op in ("if_else_zero", SELECT) and any(fault is not None for fault in faults[1:]):
         holds = outward_logic.truth(values[0].span)
         if faults[1] is not None:
             faults[1] = np.where(holds.hi == 0, -1, faults[1])
@@ -166,21 +167,19 @@ def _inherited(op: int, values: list[Value]) -> Faults | None:
     return result
 
 
-def supported(node: Node) -> bool:
+def supported(node: Quantity) -> bool:
     """Say whether there is a rule for a node, so that splitting boxes may help where it fails."""
-    constant = node.op == ca.OP_CONST and bool(np.isfinite(node.value))
-    return node.op in TOTAL or node.op in PARTIAL or node.op == ca.OP_INPUT or constant
+    constant = node.op == CONSTANT and bool(np.isfinite(node.value))
+    return node.op in TOTAL or node.op in PARTIAL or node.op == INPUT or constant
 
 
-def reason(graph: Graph, values: Mapping[int, Value], fault: int, column: int = 0) -> str:
+def reason(graph: Rewritten, values: Mapping[int, Value], fault: int, column: int = 0) -> str:
     """Say in a sentence which operation failed, on what, and where it stands."""
     node = graph.nodes[fault]
-    where = f"at instruction {node.instruction}, in {graph.describe(fault)}"
-    name = NAMES.get(node.op, f"operation {node.op}")
-    if node.op == ca.OP_CONST:
+    where = f"at node {node.origin}, in {graph.describe(fault)}"
+    name = node.op
+    if node.op == CONSTANT:
         return f"the constant {node.value} is not a number to compute with ({where})"
-    if node.op == ca.OP_PARAMETER:
-        return f"a free variable has no range ({where})"
     if node.op not in PARTIAL:
         return f"the operation {name} is not supported ({where})"
     ends = [[float(np.broadcast_to(end, column + 1)[column] if end.size == 1 else end[column])
@@ -211,7 +210,7 @@ class Enclosure:
         return text if self.undecided is None else f"{text} (undecided: {self.undecided})"
 
 
-def enclose(function: ca.Function, box: Box) -> Enclosure:
+def enclose(function: Enclosed, box: Box) -> Enclosure:
     """Enclose all outputs of a Function on a box.
 
     Parameters
@@ -227,9 +226,10 @@ def enclose(function: ca.Function, box: Box) -> Enclosure:
         Where the box does not fit the Function's inputs. What cannot be enclosed is not an error but `undecided`.
     """
     lower, upper = box.coordinates(function)
-    graph = graph_of(function)
-    low = {name: np.full(function.size_out(name), -np.inf) for name in function.name_out()}
-    high = {name: np.full(function.size_out(name), np.inf) for name in function.name_out()}
+    graph = rewritten(function)
+    shapes = face(function).outputs
+    low = {name: np.full(shape, -np.inf) for name, shape in shapes.items()}
+    high = {name: np.full(shape, np.inf) for name, shape in shapes.items()}
     if not outward.arithmetic_is_ieee():
         return Enclosure(lower=low, upper=high, undecided="this process does not round to nearest or drops subnormals")
     if isinstance(graph, str):

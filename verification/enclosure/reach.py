@@ -20,7 +20,7 @@ class NonsmoothOperation:
     kind
         What happens at the critical points: kink, jump or pole.
     instruction
-        Its place among the Function's instructions.
+        Its place among the nodes of the graph.
     expression
         Its symbolic expression.
     """

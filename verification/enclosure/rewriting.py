@@ -1,15 +1,16 @@
-"""The instructions of a CasADi Function as a graph in which every node is one real quantity.
+"""A graph in which every node is one real quantity: what is equal shares a node.
 
-CasADi reuses work slots; here each distinct quantity gets one node, and equal quantities share it. That makes
-correlations visible which interval arithmetic would otherwise lose:
+That makes correlations visible which interval arithmetic would otherwise lose:
 
 * ``x * x`` is a square, ``x * x**2`` a cube, ``x - x`` zero;
 * CasADi writes ``if_else(c, a, b)`` as ``(c ? a : 0) + (!c ? b : 0)`` and differentiates ``fmax(a, b)`` to
   ``(b <= a) / ((b <= a) + (a <= b))``. Sums of terms under complementary conditions become a `SELECT` node, and
   the sum of two comparisons of which one always holds becomes a `COVER` node.
 
-Every rewriting is an identity of real numbers.
+Every rewriting is an identity of real numbers, not of doubles.
 """
+
+from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -18,37 +19,29 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-SELECT = -1  # arguments: condition, value if it holds, value if not
-COVER = -2  # arguments: two comparisons of which at least one holds; their sum
-MEET = -3  # arguments: a rewritten quantity, the same as it stands in the Function
+from workbench.graph import Entry, Graph, Unreadable, read
+from workbench.graph.operations import BOOLEAN, CONSTANT, INPUT, LOOKUP
 
-NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
-COMPARISONS = frozenset({ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE})
-BOOLEAN = COMPARISONS | {ca.OP_NOT, ca.OP_AND, ca.OP_OR}
+SELECT = "select"  # arguments: condition, value if it holds, value if not
+COVER = "cover"  # arguments: two comparisons of which at least one holds; their sum
+MEET = "meet"  # arguments: a rewritten quantity, the same as it stands in the graph
 _DEEP = 5  # how far down a term its condition is looked for
 
 
-class Node(NamedTuple):
-    """One quantity: an operation on earlier nodes, a constant, or a coordinate of the box."""
+class Quantity(NamedTuple):
+    """One quantity: an operation on earlier ones, a constant, or a coordinate of the box."""
 
-    op: int
+    op: str
     args: tuple[int, ...] = ()
     value: float = 0.0
     coordinate: int = -1
-    instruction: int = -1
-
-
-class Entry(NamedTuple):
-    """One structural nonzero of an output."""
-
-    row: int
-    column: int
-    node: int
+    origin: int = -1
+    """The node of the graph that it was first met at; -1 where only a rewriting brought it in."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Graph:
-    """Nodes in an order in which arguments come first.
+class Rewritten:
+    """Quantities in an order in which arguments come first.
 
     Parameters
     ----------
@@ -58,14 +51,14 @@ class Graph:
         Structural nonzeros of every output, by name.
     shapes
         Shape of every output, by name.
-    expressions
-        The symbolic expression of every instruction of the Function.
+    graph
+        The graph as it was read.
     """
 
-    nodes: tuple[Node, ...]
+    nodes: tuple[Quantity, ...]
     outputs: dict[str, tuple[Entry, ...]]
     shapes: dict[str, tuple[int, int]]
-    expressions: tuple[ca.SX, ...]
+    graph: Graph
 
     def targets(self) -> tuple[int, ...]:
         """Return the nodes of all outputs."""
@@ -86,134 +79,115 @@ class Graph:
             stack.extend(fresh)
         return tuple(sorted(needed))
 
-    def with_constant(self, value: float) -> tuple["Graph", int]:
+    def with_constant(self, value: float) -> tuple[Rewritten, int]:
         """Return the graph with one more node, a constant, and the place of that node."""
-        node = Node(ca.OP_CONST, value=value)
-        return replace(self, nodes=(*self.nodes, node)), len(self.nodes)
+        return replace(self, nodes=(*self.nodes, Quantity(CONSTANT, value=value))), len(self.nodes)
 
     def describe(self, node: int, limit: int = 80) -> str:
         """Return the expression of a node as text, cut to a length."""
-        index = self.nodes[node].instruction
-        text = str(self.expressions[index]) if index >= 0 else "a combined term"
-        return text if len(text) <= limit else text[: limit - 3] + "..."
+        origin = self.nodes[node].origin
+        return self.graph.describe(origin, limit) if origin >= 0 else "a combined term"
 
 
-def expanded(function: ca.Function) -> ca.Function | str:
-    """Return the Function as scalar instructions, or a sentence saying why it has none."""
-    if function.is_a("SXFunction"):
-        return function
+def rewritten(function: ca.Function | Graph) -> Rewritten | str:
+    """Return a Function in quantities, or a sentence saying why it has no graph."""
+    if isinstance(function, Graph):
+        return Rewriter().rewrite(function)
     try:
-        return function.expand()
-    except (RuntimeError, NotImplementedError) as error:
-        lines = [line for line in str(error).splitlines() if line.strip()]
-        return f"{function.name()} has no form of scalar instructions: {lines[-1].strip() if lines else error}"
+        return Rewriter().rewrite(read(function))
+    except Unreadable as error:
+        return str(error)
 
 
-def graph_of(function: ca.Function) -> Graph | str:
-    """Return the graph of a Function, or a sentence saying why it has none."""
-    scalar = expanded(function)
-    return scalar if isinstance(scalar, str) else _Builder().build(scalar)
-
-
-class _Builder:
+class Rewriter:
     """Grows the list of nodes; a key that is already known returns the node it stands for."""
 
     def __init__(self) -> None:
-        self.nodes: list[Node] = []
+        self.nodes: list[Quantity] = []
         self.known: dict[tuple[object, ...], int] = {}
-        self.instruction = -1
+        self.origin = -1
 
-    def build(self, function: ca.Function) -> Graph:
-        """Walk the instructions once."""
-        offsets = np.cumsum([0, *(function.nnz_in(i) for i in range(function.n_in()))]).tolist()
-        results: list[dict[int, int]] = [{} for _ in range(function.n_out())]
-        slots: dict[int, int] = {}
-        for index in range(function.n_instructions()):
-            self.instruction, op = index, function.instruction_id(index)
-            out = function.instruction_output(index)
-            if op == ca.OP_OUTPUT:
-                results[out[0]][out[1]] = slots[function.instruction_input(index)[0]]
-            elif op == ca.OP_INPUT:
-                which, nonzero = function.instruction_input(index)
-                slots[out[0]] = self.node(op, coordinate=offsets[which] + nonzero)
-            elif op == ca.OP_CONST:
-                slots[out[0]] = self.constant(function.instruction_constant(index))
-            elif len(out) != 1:
-                for slot in out:
-                    slots[slot] = self.node(op, value=float(index * 1000 + slot))
+    def rewrite(self, graph: Graph) -> Rewritten:
+        """Walk the graph's nodes once."""
+        places: list[int] = []
+        for self.origin, node in enumerate(graph.nodes):
+            if node.op == INPUT:
+                places.append(self.node(node.op, coordinate=node.which))
+            elif node.op == CONSTANT:
+                places.append(self.constant(node.value))
+            elif node.op == LOOKUP:
+                places.append(self.node(node.op, tuple(places[arg] for arg in node.args), value=float(node.which)))
             else:
-                slots[out[0]] = self.operate(op, tuple(slots[k] for k in function.instruction_input(index)))
-        names = function.name_out()
-        triplets = [list(zip(*function.sparsity_out(i).get_triplet(), strict=True)) for i in range(len(names))]
-        return Graph(
+                places.append(self.operate(node.op, tuple(places[arg] for arg in node.args)))
+        return Rewritten(
             nodes=tuple(self.nodes),
             outputs={
-                name: tuple(Entry(row, column, results[i][k]) for k, (row, column) in enumerate(triplets[i]))
-                for i, name in enumerate(names)
+                result.name: tuple(entry._replace(node=places[entry.node]) for entry in result.entries)
+                for result in graph.outputs
             },
-            shapes={name: function.size_out(i) for i, name in enumerate(names)},
-            expressions=tuple(function.instructions_sx().nz[k] for k in range(function.n_instructions())),
+            shapes={result.name: result.shape for result in graph.outputs},
+            graph=graph,
         )
 
-    def node(self, op: int, args: tuple[int, ...] = (), value: float = 0.0, coordinate: int = -1) -> int:
-        """Return the node of an operation, made now if it is new."""
+    def node(self, op: str, args: tuple[int, ...] = (), value: float = 0.0, coordinate: int = -1) -> int:
+        """Return the node of a quantity, made now if it is new."""
         key = (op, args, float(value).hex(), coordinate)
         if key not in self.known:
             self.known[key] = len(self.nodes)
-            self.nodes.append(Node(op, args, value, coordinate, self.instruction))
+            self.nodes.append(Quantity(op, args, value, coordinate, self.origin))
         return self.known[key]
 
     def constant(self, value: float) -> int:
         """Return the node of a constant."""
-        return self.node(ca.OP_CONST, value=float(value))
+        return self.node(CONSTANT, value=float(value))
 
-    def operate(self, op: int, args: tuple[int, ...]) -> int:
+    def operate(self, op: str, args: tuple[int, ...]) -> int:
         """Return the node of an operation, in the form that keeps most of its correlations."""
-        if op in (ca.OP_ASSIGN, ca.OP_LIFT):
+        if op == "assign":
             return args[0]
-        if op in (ca.OP_MUL, ca.OP_SQ):
+        if op in ("mul", "sq"):
             return self.product(args[0], args[-1])
-        if op == ca.OP_CONSTPOW:
-            op = ca.OP_POW
-        if op == ca.OP_ADD:
+        if op == "constpow":
+            op = "pow"
+        if op == "add":
             return self.sum(*args)
-        if op == ca.OP_SUB and args[0] != args[1] and self.guard(args[1]) is not None:
-            return self.sum(args[0], self.node(ca.OP_NEG, (args[1],)))
+        if op == "sub" and args[0] != args[1] and self.guard(args[1]) is not None:
+            return self.sum(args[0], self.node("neg", (args[1],)))
         return self.node(op, args)
 
     def product(self, a: int, b: int) -> int:
         """Return the node of a product, which is a power where both factors are powers of one quantity."""
         (base, m), (other, n) = self.power(a), self.power(b)
         if base != other:
-            return self.node(ca.OP_MUL, (min(a, b), max(a, b)))
-        return self.node(ca.OP_SQ, (base,)) if m + n == 2 else self.node(ca.OP_POW, (base, self.constant(m + n)))
+            return self.node("mul", (min(a, b), max(a, b)))
+        return self.node("sq", (base,)) if m + n == 2 else self.node("pow", (base, self.constant(m + n)))
 
     def power(self, k: int) -> tuple[int, int]:
         """Return a node as base and positive integer exponent."""
         node = self.nodes[k]
-        if node.op == ca.OP_SQ:
+        if node.op == "sq":
             return node.args[0], 2
-        if node.op == ca.OP_POW:
+        if node.op == "pow":
             exponent = self.nodes[node.args[1]]
-            if exponent.op == ca.OP_CONST and exponent.value.is_integer() and exponent.value > 0:
+            if exponent.op == CONSTANT and exponent.value.is_integer() and exponent.value > 0:
                 return node.args[0], int(exponent.value)
         return k, 1
 
     def sum(self, p: int, q: int) -> int:
         """Return the node of a sum, merging terms under complementary conditions."""
         if p == q:
-            return self.node(ca.OP_TWICE, (p,))
+            return self.node("twice", (p,))
         for first, second in ((p, q), (q, p)):
             merged = self.merge(first, second)
             if merged is not None:
                 return merged
             inner = self.nodes[first]
-            if inner.op == ca.OP_ADD:
+            if inner.op == "add":
                 for kept, term in (inner.args, inner.args[::-1]):
                     merged = self.merge(term, second)
                     if merged is not None:
                         return self.sum(kept, merged)
-        return self.node(ca.OP_ADD, (min(p, q), max(p, q)))
+        return self.node("add", (min(p, q), max(p, q)))
 
     def merge(self, p: int, q: int) -> int | None:
         """Return one node for two terms of which exactly one counts, if that is what they are."""
@@ -223,7 +197,7 @@ class _Builder:
         second = self.guard(q) if first else None
         if first is None or second is None or not self.opposite(first[0], second[0]):
             return None
-        plain = self.node(ca.OP_ADD, (min(p, q), max(p, q)))
+        plain = self.node("add", (min(p, q), max(p, q)))
         return self.node(MEET, (self.node(SELECT, (first[0], first[1], second[1])), plain))
 
     def guard(self, k: int, depth: int = _DEEP) -> tuple[int, int] | None:
@@ -231,9 +205,9 @@ class _Builder:
         node = self.nodes[k]
         if node.op in BOOLEAN:
             return k, self.constant(1.0)
-        if node.op == ca.OP_IF_ELSE_ZERO:
+        if node.op == "if_else_zero":
             return node.args[0], node.args[1]
-        if depth == 0 or node.op not in (ca.OP_NEG, ca.OP_TWICE, ca.OP_MUL, ca.OP_DIV, SELECT, MEET):
+        if depth == 0 or node.op not in ("neg", "twice", "mul", "div", SELECT, MEET):
             return None
         if node.op == MEET:
             return self.guard(node.args[0], depth - 1)
@@ -242,11 +216,11 @@ class _Builder:
             if yes is None or no is None or yes[0] != no[0]:
                 return None
             return yes[0], self.node(SELECT, (node.args[0], yes[1], no[1]))
-        for place in range(2 if node.op == ca.OP_MUL else 1):
+        for place in range(2 if node.op == "mul" else 1):
             found = self.guard(node.args[place], depth - 1)
             if found is not None:
                 condition, value = found
-                if node.op == ca.OP_MUL:
+                if node.op == "mul":
                     other = node.args[1 - place]
                     return condition, other if self.is_one(value) else self.product(value, other)
                 return condition, self.node(node.op, (value, *node.args[1:]))
@@ -254,19 +228,19 @@ class _Builder:
 
     def is_one(self, k: int) -> bool:
         """Say whether a node is the constant one."""
-        return self.nodes[k].op == ca.OP_CONST and self.nodes[k].value == 1.0
+        return self.nodes[k].op == CONSTANT and self.nodes[k].value == 1.0
 
     def opposite(self, c: int, d: int) -> bool:
         """Say whether exactly one of two conditions holds at every point."""
         first, second = self.nodes[c], self.nodes[d]
-        if (second.op == ca.OP_NOT and second.args[0] == c) or (first.op == ca.OP_NOT and first.args[0] == d):
+        if (second.op == "not" and second.args[0] == c) or (first.op == "not" and first.args[0] == d):
             return True
         pair = {first.op, second.op}
-        if pair == {ca.OP_LT, ca.OP_LE}:
+        if pair == {"lt", "le"}:
             return first.args == second.args[::-1]
-        return pair == {ca.OP_EQ, ca.OP_NE} and set(first.args) == set(second.args)
+        return pair == {"eq", "ne"} and set(first.args) == set(second.args)
 
     def covers(self, c: int, d: int) -> bool:
         """Say whether two comparisons are ``a <= b`` and ``b <= a``."""
         first, second = self.nodes[c], self.nodes[d]
-        return first.op == second.op == ca.OP_LE and first.args == second.args[::-1]
+        return first.op == second.op == "le" and first.args == second.args[::-1]

@@ -12,14 +12,14 @@ which says "not usable".
 
 from collections.abc import Callable, Mapping
 
-import casadi as ca
 import numpy as np
 from flint import arb, ctx
 
 from verification.enclosure import outward, outward_logic
 from verification.enclosure.interval import Value
 from verification.enclosure.outward import Array, Mask, Span
-from verification.enclosure.rewriting import BOOLEAN, COVER, MEET, Graph
+from verification.enclosure.rewriting import COVER, MEET, Rewritten
+from workbench.graph.operations import BOOLEAN, CONSTANT, INPUT
 
 _ONE, _ZERO = outward.point(1.0), outward.point(0.0)
 
@@ -102,49 +102,49 @@ def _unknown(f: Span, *arguments: Span) -> tuple[Span, ...]:
 
 Partials = Callable[..., tuple[Span, ...]]
 
-_PARTIALS: Mapping[int, Partials] = {
-    ca.OP_ADD: lambda f, a, b: (_ONE, _ONE),
-    ca.OP_SUB: lambda f, a, b: (_ONE, outward.neg(_ONE)),
-    ca.OP_MUL: lambda f, a, b: (b, a),
-    ca.OP_DIV: lambda f, a, b: (_over(_ONE, b), outward.neg(_over(f, b))),
-    ca.OP_INV: lambda f, a: (outward.neg(outward.square(f)),),
-    ca.OP_NEG: lambda f, a: (outward.neg(_ONE),),
-    ca.OP_TWICE: lambda f, a: (outward.twice(_ONE),),
-    ca.OP_SQ: lambda f, a: (outward.twice(a),),
-    ca.OP_SQRT: lambda f, a: (_over(_ONE, outward.twice(f)),),
-    ca.OP_EXP: lambda f, a: (f,),
-    ca.OP_EXPM1: lambda f, a: (outward.exp(a),),
-    ca.OP_LOG: lambda f, a: (_over(_ONE, a),),
-    ca.OP_LOG1P: lambda f, a: (_over(_ONE, outward.add(_ONE, a)),),
-    ca.OP_SIN: lambda f, a: (outward.cos(a),),
-    ca.OP_COS: lambda f, a: (outward.neg(outward.sin(a)),),
-    ca.OP_TAN: lambda f, a: (_one_more_square(f),),
-    ca.OP_ASIN: lambda f, a: (_over(_ONE, _root(_one_less_square(a))),),
-    ca.OP_ACOS: lambda f, a: (outward.neg(_over(_ONE, _root(_one_less_square(a)))),),
-    ca.OP_ATAN: lambda f, a: (_over(_ONE, _one_more_square(a)),),
-    ca.OP_ATAN2: _atan2,
-    ca.OP_SINH: lambda f, a: (outward.cosh(a),),
-    ca.OP_COSH: lambda f, a: (outward.sinh(a),),
-    ca.OP_TANH: lambda f, a: (_one_less_square(f),),
-    ca.OP_ASINH: lambda f, a: (_over(_ONE, _root(_one_more_square(a))),),
-    ca.OP_ACOSH: lambda f, a: (_over(_ONE, _root(outward.sub(outward.square(a), _ONE))),),
-    ca.OP_ATANH: lambda f, a: (_over(_ONE, _one_less_square(a)),),
-    ca.OP_ERF: lambda f, a: (outward.mul(_TWO_BY_ROOT_PI, outward.exp(outward.neg(outward.square(a)))),),
-    ca.OP_ERFINV: lambda f, a: (outward.mul(_ROOT_PI_BY_TWO, outward.exp(outward.square(f))),),
-    ca.OP_HYPOT: lambda f, a, b: (_over(a, f), _over(b, f)),
-    ca.OP_POW: _power,
-    ca.OP_FABS: lambda f, a: (_sign(a),),
-    ca.OP_FMIN: _smaller,
-    ca.OP_FMAX: lambda f, a, b: _smaller(f, b, a),
-    ca.OP_COPYSIGN: _copysign,
-    ca.OP_IF_ELSE_ZERO: _gate,
+_PARTIALS: Mapping[str, Partials] = {
+    "add": lambda f, a, b: (_ONE, _ONE),
+    "sub": lambda f, a, b: (_ONE, outward.neg(_ONE)),
+    "mul": lambda f, a, b: (b, a),
+    "div": lambda f, a, b: (_over(_ONE, b), outward.neg(_over(f, b))),
+    "inv": lambda f, a: (outward.neg(outward.square(f)),),
+    "neg": lambda f, a: (outward.neg(_ONE),),
+    "twice": lambda f, a: (outward.twice(_ONE),),
+    "sq": lambda f, a: (outward.twice(a),),
+    "sqrt": lambda f, a: (_over(_ONE, outward.twice(f)),),
+    "exp": lambda f, a: (f,),
+    "expm1": lambda f, a: (outward.exp(a),),
+    "log": lambda f, a: (_over(_ONE, a),),
+    "log1p": lambda f, a: (_over(_ONE, outward.add(_ONE, a)),),
+    "sin": lambda f, a: (outward.cos(a),),
+    "cos": lambda f, a: (outward.neg(outward.sin(a)),),
+    "tan": lambda f, a: (_one_more_square(f),),
+    "asin": lambda f, a: (_over(_ONE, _root(_one_less_square(a))),),
+    "acos": lambda f, a: (outward.neg(_over(_ONE, _root(_one_less_square(a)))),),
+    "atan": lambda f, a: (_over(_ONE, _one_more_square(a)),),
+    "atan2": _atan2,
+    "sinh": lambda f, a: (outward.cosh(a),),
+    "cosh": lambda f, a: (outward.sinh(a),),
+    "tanh": lambda f, a: (_one_less_square(f),),
+    "asinh": lambda f, a: (_over(_ONE, _root(_one_more_square(a))),),
+    "acosh": lambda f, a: (_over(_ONE, _root(outward.sub(outward.square(a), _ONE))),),
+    "atanh": lambda f, a: (_over(_ONE, _one_less_square(a)),),
+    "erf": lambda f, a: (outward.mul(_TWO_BY_ROOT_PI, outward.exp(outward.neg(outward.square(a)))),),
+    "erfinv": lambda f, a: (outward.mul(_ROOT_PI_BY_TWO, outward.exp(outward.square(f))),),
+    "hypot": lambda f, a, b: (_over(a, f), _over(b, f)),
+    "pow": _power,
+    "fabs": lambda f, a: (_sign(a),),
+    "fmin": _smaller,
+    "fmax": lambda f, a, b: _smaller(f, b, a),
+    "copysign": _copysign,
+    "if_else_zero": _gate,
     COVER: lambda f, a, b: (_ONE, _ONE),
     MEET: lambda f, a, b: (_ZERO, _ONE),  # the rewritten quantity is the same one again
-    **dict.fromkeys((*BOOLEAN, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL), _step),
+    **dict.fromkeys((*BOOLEAN, "sign", "floor", "ceil"), _step),
 }
 
 
-def gradient(graph: Graph, node: int, values: Mapping[int, Value], shape: tuple[int, int]) -> Span:
+def gradient(graph: Rewritten, node: int, values: Mapping[int, Value], shape: tuple[int, int]) -> Span:
     """Enclose the gradient of a node on boxes.
 
     Parameters
@@ -166,7 +166,7 @@ def gradient(graph: Graph, node: int, values: Mapping[int, Value], shape: tuple[
         return _chain(graph, node, values, Span(np.zeros(shape), np.zeros(shape)))
 
 
-def _chain(graph: Graph, node: int, values: Mapping[int, Value], result: Span) -> Span:
+def _chain(graph: Rewritten, node: int, values: Mapping[int, Value], result: Span) -> Span:
     """Walk backwards from the node, adding up what reaches every coordinate."""
     through: dict[int, Span] = {node: _ONE}
     for k in reversed(graph.ancestors((node,), rewritten=False)):
@@ -174,13 +174,13 @@ def _chain(graph: Graph, node: int, values: Mapping[int, Value], result: Span) -
         so_far = through.pop(k, None)
         if so_far is None:
             continue
-        if op == ca.OP_INPUT:
+        if op == INPUT:
             result.lo[graph.nodes[k].coordinate], result.hi[graph.nodes[k].coordinate] = so_far
         if not args:
             continue
         rule = _PARTIALS.get(op, _unknown)
         for argument, partial in zip(args, rule(values[k].span, *(values[a].span for a in args)), strict=True):
-            if graph.nodes[argument].op == ca.OP_CONST or (op == MEET and argument == args[0]):
+            if graph.nodes[argument].op == CONSTANT or (op == MEET and argument == args[0]):
                 continue
             term = _known(outward.mul(so_far, _known(partial)))
             before = through.get(argument)

@@ -6,136 +6,63 @@ argument that decides meets its critical set anywhere in the closed box. This is
 stands in the Function: kinks that cancel, or that hide in a branch not taken, are still counted.
 """
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
 
-import casadi as ca
 import numpy as np
 
 from verification.enclosure import outward
 from verification.enclosure.box import Box
-from verification.enclosure.interval import Value, evaluate, reason, supported
+from verification.enclosure.face import Enclosed
+from verification.enclosure.interval import evaluate, reason, supported
 from verification.enclosure.outward import Array, Mask, Span
-from verification.enclosure.reach import Kind, NonsmoothOperation, Reach, Reachable, Smoothness
-from verification.enclosure.rewriting import BOOLEAN, COMPARISONS, COVER, NAMES, Graph, Node, graph_of
+from verification.enclosure.reach import NonsmoothOperation, Reach, Reachable, Smoothness
+from verification.enclosure.rewriting import COVER, Quantity, Rewritten, rewritten
+from workbench.graph.operations import CONSTANT, OPERATIONS, Critical, Rule
+from workbench.graph.smooth import critical
 
-Rule = Literal["zero", "nonpositive", "negative", "integer"]
 BUDGET = 512  # boxes for one operation
 _BATCH = 64
-_ONE = outward.point(1.0)
 
 
-@dataclass(frozen=True)
-class _Critical:
-    """When an operation is not smooth: where `level`, made from its arguments, meets the set that `rule` names.
+class _Levels:
+    """Adds to a graph what decides where an operation is not smooth."""
 
-    At an `edge` the domain ends: the value at zero level is finite, below there is none.
-    """
+    def __init__(self, graph: Rewritten) -> None:
+        self.nodes = list(graph.nodes)
 
-    kind: Kind
-    rule: Rule
-    level: Callable[..., Span]
-    edge: bool = False
+    def operation(self, op: str, *args: int) -> int:
+        """Return the place of an operation on nodes."""
+        self.nodes.append(Quantity(op, args))
+        return len(self.nodes) - 1
 
-
-def _first(*spans: Span) -> Span:
-    return spans[0]
-
-
-def _second(*spans: Span) -> Span:
-    return spans[1]
+    def constant(self, value: float) -> int:
+        """Return the place of a number."""
+        self.nodes.append(Quantity(CONSTANT, value=value))
+        return len(self.nodes) - 1
 
 
-def _room(a: Span) -> Span:
-    """Return how far a magnitude stays below one."""
-    return outward.sub(_ONE, outward.magnitude(a))
+def _critical(graph: Rewritten, node: Quantity) -> Critical | None:
+    """Return when a quantity is not smooth, None if always."""
+    if node.op == "div" and graph.nodes[node.args[1]].op == COVER:
+        return None  # at least one of the two comparisons holds
+    return critical(graph.nodes, node)
 
 
-def _larger(a: Span, b: Span) -> Span:
-    return Span(np.maximum(a.lo, b.lo), np.maximum(a.hi, b.hi))
-
-
-def _off_cut(y: Span, x: Span) -> Span:
-    return _larger(outward.magnitude(y), x)
-
-
-def _off_origin(a: Span, b: Span) -> Span:
-    return _larger(outward.magnitude(a), outward.magnitude(b))
-
-
-def _turns(a: Span, b: Span) -> Span:
-    """Return the size of the quotient whose integer part `fmod` takes, raised to 1/2: zero turns are no jump."""
-    result, bad = outward.div(a, b)
-    size = outward.magnitude(Span(np.where(bad, -np.inf, result.lo), np.where(bad, np.inf, result.hi)))
-    return Span(np.maximum(size.lo, 0.5), np.maximum(size.hi, 0.5))
-
-
-_TABLE: Mapping[int, _Critical] = {
-    ca.OP_FABS: _Critical("kink", "zero", _first),
-    ca.OP_FMIN: _Critical("kink", "zero", outward.sub),
-    ca.OP_FMAX: _Critical("kink", "zero", outward.sub),
-    ca.OP_SQRT: _Critical("kink", "nonpositive", _first, edge=True),
-    ca.OP_HYPOT: _Critical("kink", "nonpositive", _off_origin),
-    ca.OP_ASIN: _Critical("kink", "nonpositive", _room, edge=True),
-    ca.OP_ACOS: _Critical("kink", "nonpositive", _room, edge=True),
-    ca.OP_ACOSH: _Critical("kink", "nonpositive", lambda a: outward.sub(a, _ONE), edge=True),
-    ca.OP_SIGN: _Critical("jump", "zero", _first),
-    ca.OP_FLOOR: _Critical("jump", "integer", _first),
-    ca.OP_CEIL: _Critical("jump", "integer", _first),
-    ca.OP_FMOD: _Critical("jump", "integer", _turns),
-    ca.OP_COPYSIGN: _Critical("jump", "zero", _second),
-    ca.OP_ATAN2: _Critical("jump", "nonpositive", _off_cut),
-    ca.OP_NOT: _Critical("jump", "zero", _first),
-    ca.OP_IF_ELSE_ZERO: _Critical("jump", "zero", _first),
-    **{op: _Critical("jump", "zero", outward.sub) for op in COMPARISONS},
-    ca.OP_DIV: _Critical("pole", "zero", _second),
-    ca.OP_INV: _Critical("pole", "zero", _first),
-    ca.OP_TAN: _Critical("pole", "zero", outward.cos),
-    ca.OP_LOG: _Critical("pole", "nonpositive", _first),
-    ca.OP_LOG1P: _Critical("pole", "nonpositive", lambda a: outward.add(a, _ONE)),
-    ca.OP_ATANH: _Critical("pole", "nonpositive", _room),
-    ca.OP_ERFINV: _Critical("pole", "nonpositive", _room),
-}
-_FREE_BASE = _Critical("pole", "nonpositive", _first)
-_ROOT = _Critical("kink", "nonpositive", _first, edge=True)
-_NEGATIVE_POWER = _Critical("pole", "zero", _first)
-
-
-def _critical(graph: Graph, node: Node) -> _Critical | None:
-    """Return when a node is not smooth, None if always."""
-    if node.op in (ca.OP_FMIN, ca.OP_FMAX) and node.args[0] == node.args[1]:
-        return None
-    if node.op in (ca.OP_NOT, ca.OP_IF_ELSE_ZERO) and graph.nodes[node.args[0]].op in BOOLEAN:
-        return None  # constant between the jumps of the comparison, which is counted itself
-    if node.op == ca.OP_DIV and graph.nodes[node.args[1]].op in (ca.OP_CONST, COVER):
-        constant = graph.nodes[node.args[1]]
-        return None if constant.op == COVER or constant.value != 0 else _TABLE[ca.OP_DIV]
-    if node.op != ca.OP_POW:
-        return _TABLE.get(node.op)
-    exponent = graph.nodes[node.args[1]]
-    if exponent.op != ca.OP_CONST:
-        return _FREE_BASE
-    if exponent.value.is_integer():
-        return None if exponent.value >= 0 else _NEGATIVE_POWER
-    return _ROOT if exponent.value > 0 else _FREE_BASE
-
-
-def _listed(graph: Graph) -> list[tuple[int, NonsmoothOperation, _Critical]]:
+def _listed(graph: Rewritten) -> list[tuple[int, NonsmoothOperation, Critical]]:
     """Return the nonsmooth nodes of the Function, in order, without those that only a rewriting brought in."""
     result = []
     for k in graph.ancestors(graph.targets(), rewritten=False):
         node = graph.nodes[k]
         found = _critical(graph, node)
-        if found is not None and node.instruction >= 0:
+        if found is not None and node.origin >= 0:
             operation = NonsmoothOperation(
-                name=NAMES[node.op], kind=found.kind, instruction=node.instruction, expression=graph.describe(k)
+                name=node.op, kind=found.kind, instruction=node.origin, expression=graph.describe(k)
             )
             result.append((k, operation, found))
     return result
 
 
-def nonsmooth_operations(function: ca.Function) -> tuple[NonsmoothOperation, ...]:
+def nonsmooth_operations(function: Enclosed) -> tuple[NonsmoothOperation, ...]:
     """List the operations of a Function that are not smooth everywhere.
 
     Raises
@@ -143,26 +70,19 @@ def nonsmooth_operations(function: ca.Function) -> tuple[NonsmoothOperation, ...
     ValueError
         Where the Function has no form of scalar instructions.
     """
-    graph = graph_of(function)
+    graph = rewritten(function)
     if isinstance(graph, str):
         raise ValueError(graph)
     return tuple(operation for _, operation, _ in _listed(graph))
 
 
-def _level(graph: Graph, k: int, critical: _Critical, values: dict[int, Value], n: int) -> Span:
-    """Enclose the deciding argument of a node on every box; the whole line where evaluation failed."""
-    node = graph.nodes[k]
-    arguments = [values[a] for a in node.args]
-    if critical.level is outward.sub and node.args[0] == node.args[1]:
-        return Span(np.zeros(n), np.zeros(n))
-    span = critical.level(*(value.span for value in arguments))
-    low, high = (np.broadcast_to(np.where(np.isnan(end), limit, end), n) for end, limit in
-                 zip(span, (-np.inf, np.inf), strict=True))  # fmt: skip
-    for value in arguments:
-        if value.fault is not None:
-            low = np.where(value.fault >= 0, -np.inf, low)
-            high = np.where(value.fault >= 0, np.inf, high)
-    return Span(low, high)
+def continuous_everywhere(function: Enclosed) -> bool:
+    """Tell whether a Function is made of operations that are defined and continuous for all arguments."""
+    graph = rewritten(function)
+    if isinstance(graph, str):
+        return False
+    known = all(supported(graph.nodes[k]) for k in graph.ancestors(graph.targets()))
+    return known and all(found.kind == "kink" and not found.edge for _, _, found in _listed(graph))
 
 
 def _clear(rule: Rule, level: Span) -> Mask:
@@ -178,18 +98,18 @@ def _clear(rule: Rule, level: Span) -> Mask:
 class _Question:
     """One node of a graph over one box."""
 
-    function: ca.Function
-    graph: Graph
+    function: Enclosed
+    graph: Rewritten
     node: int
     operation: NonsmoothOperation
-    critical: _Critical
+    critical: Critical
+    level: int
     continuous: bool  # whether the deciding argument is known to be continuous on the box
 
     def levels(self, lower: Array, upper: Array) -> Span:
         """Enclose the deciding argument on many boxes."""
-        values = evaluate(self.graph, lower, upper, self.graph.nodes[self.node].args)
-        with np.errstate(all="ignore"):
-            return _level(self.graph, self.node, self.critical, values, lower.shape[1])
+        low, high = evaluate(self.graph, lower, upper, [self.level])[self.level].span
+        return Span(np.broadcast_to(low, lower.shape[1]), np.broadcast_to(high, lower.shape[1]))
 
     def answer(self, reachable: Reachable, why: str, at: Array | None = None) -> Reach:
         """Return the finding."""
@@ -271,7 +191,7 @@ class _Question:
         )
 
 
-def reaches(function: ca.Function, box: Box, *, budget: int = BUDGET) -> tuple[Reach, ...] | str:
+def reaches(function: Enclosed, box: Box, *, budget: int = BUDGET) -> tuple[Reach, ...] | str:
     """Ask of every nonsmooth operation whether a box reaches its critical set.
 
     Parameters
@@ -296,12 +216,12 @@ def reaches(function: ca.Function, box: Box, *, budget: int = BUDGET) -> tuple[R
     return _findings(function, box, budget, False)
 
 
-def _findings(function: ca.Function, box: Box, budget: int, defined_only: bool) -> tuple[Reach, ...] | str:
+def _findings(function: Enclosed, box: Box, budget: int, defined_only: bool) -> tuple[Reach, ...] | str:
     """Answer `reaches`; on demand ask at the edge of a domain only whether it is left."""
     if budget < 1:
         raise ValueError(f"budget must be at least 1 box, got {budget}")
     lower, upper = box.coordinates(function)
-    graph = graph_of(function)
+    graph = rewritten(function)
     if isinstance(graph, str):
         return graph
     if not outward.arithmetic_is_ieee():
@@ -309,24 +229,27 @@ def _findings(function: ca.Function, box: Box, budget: int, defined_only: bool) 
     for k in graph.ancestors(graph.targets()):
         if not supported(graph.nodes[k]):
             return reason(graph, {}, k)
+    listed = _listed(graph)
+    levels = _Levels(graph)
+    of = {k: found.level(levels, *graph.nodes[k].args) for k, _, found in listed}
+    graph = replace(graph, nodes=tuple(levels.nodes))
     breaks: set[int] = set()
     findings = []
-    for k, operation, rule in _listed(graph):
-        critical = replace(rule, rule="negative") if defined_only and rule.edge else rule
-        question = _Question(function=function, graph=graph, node=k, operation=operation, critical=critical,
+    for k, operation, rule in listed:
+        asked = rule._replace(rule="negative") if defined_only and rule.edge else rule
+        question = _Question(function=function, graph=graph, node=k, operation=operation, critical=asked, level=of[k],
                              continuous=breaks.isdisjoint(graph.ancestors(graph.nodes[k].args)))  # fmt: skip
         findings.append(question.search(lower, upper, budget))
-        if findings[-1].reachable != "no" and (critical.kind != "kink" or critical.edge):
+        if findings[-1].reachable != "no" and (asked.kind != "kink" or asked.edge):
             breaks.add(k)
     return tuple(findings)
 
 
-def _judge(function: ca.Function, box: Box, budget: int, continuity: bool) -> Smoothness:
+def _judge(function: Enclosed, box: Box, budget: int, continuity: bool) -> Smoothness:
     found = _findings(function, box, budget, continuity)
     if isinstance(found, str):
         return Smoothness(proved=False, reaches=(), reason=found)
-    edges = {op for op, critical in _TABLE.items() if critical.edge} | {ca.OP_POW}
-    edge_names = {NAMES[op] for op in edges}
+    edge_names = {name for name, one in OPERATIONS.items() if one.critical and one.critical.edge} | {"pow"}
     asked = tuple(r for r in found if not continuity or r.operation.kind != "kink" or r.operation.name in edge_names)
     for r in asked:
         if r.reachable != "no":
@@ -336,7 +259,7 @@ def _judge(function: ca.Function, box: Box, budget: int, continuity: bool) -> Sm
     return Smoothness(proved=True, reaches=asked, reason=None)
 
 
-def continuous_on(function: ca.Function, box: Box, *, budget: int = BUDGET) -> Smoothness:
+def continuous_on(function: Enclosed, box: Box, *, budget: int = BUDGET) -> Smoothness:
     """Show that a Function is defined and continuous on a box: no jump, pole or end of a domain is reached.
 
     Applied to a derivative, made by automatic differentiation, together with `smooth_on` of the Function itself it
@@ -345,6 +268,6 @@ def continuous_on(function: ca.Function, box: Box, *, budget: int = BUDGET) -> S
     return _judge(function, box, budget, True)
 
 
-def smooth_on(function: ca.Function, box: Box, *, budget: int = BUDGET) -> Smoothness:
+def smooth_on(function: Enclosed, box: Box, *, budget: int = BUDGET) -> Smoothness:
     """Show that a Function is infinitely differentiable on a box: no kink, jump or pole is reached."""
     return _judge(function, box, budget, False)

@@ -1,4 +1,4 @@
-"""Equations as trees fit to be read: from the instructions of a CasADi SX Function.
+"""Equations as trees fit to be read: from the graph of a CasADi SX Function.
 
 Sums and products are flattened, ``if_else`` is found again, and what is shared or too wide gets a name of its
 own. A tree means the same numbers as the Function it came from, up to rounding.
@@ -13,52 +13,36 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from models.quantity import InvalidValue
+from workbench.graph import Graph, Unreadable, read
+from workbench.graph.operations import CONSTANT, INPUT
 
-MOST_INSTRUCTIONS = 3000
+MOST_OPERATIONS = 3000
 MOST_DEFINITIONS = 80
 """Named parts up to which equations are still read by anybody."""
 LINE = 84
 """About how many characters fit on a printed line."""
 
 FUNCTIONS = {
-    ca.OP_EXP: "exp",
-    ca.OP_LOG: "ln",
-    ca.OP_SQRT: "sqrt",
-    ca.OP_SIN: "sin",
-    ca.OP_COS: "cos",
-    ca.OP_TAN: "tan",
-    ca.OP_ASIN: "arcsin",
-    ca.OP_ACOS: "arccos",
-    ca.OP_ATAN: "arctan",
-    ca.OP_SINH: "sinh",
-    ca.OP_COSH: "cosh",
-    ca.OP_TANH: "tanh",
-    ca.OP_ASINH: "arsinh",
-    ca.OP_ACOSH: "arcosh",
-    ca.OP_ATANH: "artanh",
-    ca.OP_ATAN2: "atan2",
-    ca.OP_FLOOR: "floor",
-    ca.OP_CEIL: "ceil",
-    ca.OP_FABS: "abs",
-    ca.OP_SIGN: "sign",
-    ca.OP_COPYSIGN: "copysign",
-    ca.OP_FMOD: "fmod",
-    ca.OP_REMAINDER: "remainder",
-    ca.OP_ERF: "erf",
-    ca.OP_ERFINV: "erfinv",
-    ca.OP_LOG1P: "log1p",
-    ca.OP_EXPM1: "expm1",
-    ca.OP_HYPOT: "hypot",
-    ca.OP_FMIN: "min",
-    ca.OP_FMAX: "max",
-    ca.OP_LT: "lt",
-    ca.OP_LE: "le",
-    ca.OP_EQ: "eq",
-    ca.OP_NE: "ne",
-    ca.OP_AND: "and",
-    ca.OP_OR: "or",
-    ca.OP_NOT: "not",
+    "log": "ln",
+    "asin": "arcsin",
+    "acos": "arccos",
+    "atan": "arctan",
+    "asinh": "arsinh",
+    "acosh": "arcosh",
+    "atanh": "artanh",
+    "fabs": "abs",
+    "fmin": "min",
+    "fmax": "max",
+    **{
+        name: name
+        for name in (
+            *("exp", "sqrt", "sin", "cos", "tan", "sinh", "cosh", "tanh", "atan2", "floor", "ceil", "sign", "copysign"),
+            *("fmod", "remainder", "erf", "erfinv", "log1p", "expm1", "hypot"),
+            *("lt", "le", "eq", "ne", "and", "or", "not"),
+        )
+    },
 }
+"""The sign of a graph's operation where it is a function or a condition."""
 CONDITIONS = ("lt", "le", "eq", "ne", "and", "or", "not")
 """Operations whose value is 1 where they hold and 0 elsewhere."""
 
@@ -101,11 +85,7 @@ def equations(
     """
     if not function.is_a("SXFunction"):
         raise InvalidValue(f"equations are typeset from an SX Function, got {function.class_name()}")
-    if function.n_instructions() > MOST_INSTRUCTIONS:
-        raise InvalidValue(
-            f"equations of at most {MOST_INSTRUCTIONS} operations are typeset, got {function.n_instructions()}"
-        )
-    raw, roots, uses = _walked(function, names)
+    raw, roots, uses = _walked(_graph(function), names)
     writer = _Writer(fresh() if fresh else numbered(set().union(*map(set, names))), uses)
     shown: dict[int, Term] = {}
     for node in raw:
@@ -117,6 +97,17 @@ def equations(
         )
     outputs = tuple(tuple(shown[id(root)] for root in column) for column in roots)
     return Equations(tuple(writer.definitions), outputs)
+
+
+def _graph(function: ca.Function) -> Graph:
+    """Return the graph of a Function, or raise InvalidValue where it has none that anybody would read."""
+    try:
+        graph = read(function)
+    except Unreadable as error:
+        raise InvalidValue(f"equations are typeset from a graph: {error}") from None
+    if len(graph.nodes) > MOST_OPERATIONS:
+        raise InvalidValue(f"equations of at most {MOST_OPERATIONS} operations are typeset, got {len(graph.nodes)}")
+    return graph
 
 
 def numbered(taken: set[str]) -> Iterator[str]:
@@ -153,9 +144,7 @@ def width(term: Term) -> float:
     return len(term.op) + 2 + sum(inner) + 2 * (len(inner) - 1)
 
 
-def _walked(
-    function: ca.Function, names: Sequence[Sequence[str]]
-) -> tuple[list[Term], list[list[Term]], dict[int, int]]:
+def _walked(graph: Graph, names: Sequence[Sequence[str]]) -> tuple[list[Term], list[list[Term]], dict[int, int]]:
     """Return every distinct operation in order of evaluation, the outputs, and how often each is used."""
     known: dict[Any, Term] = {}
 
@@ -164,19 +153,21 @@ def _walked(
         return known.setdefault(key, Term(op, args, value, name))
 
     zero = node("number")
-    roots = [[zero] * function.numel_out(i) for i in range(function.n_out())]
-    work: dict[int, Term] = {}
-    for index in range(function.n_instructions()):
-        op, to = function.instruction_id(index), function.instruction_output(index)
-        taken = function.instruction_input(index)
-        if op == ca.OP_INPUT:
-            work[to[0]] = node("name", name=names[taken[0]][taken[1]])
-        elif op == ca.OP_CONST:
-            work[to[0]] = node("number", value=float(function.instruction_constant(index)))
-        elif op == ca.OP_OUTPUT:
-            roots[to[0]][function.sparsity_out(to[0]).find()[to[1]]] = work[taken[0]]
+    labels = [name for column in names for name in column]
+    terms: list[Term] = []
+    for one in graph.nodes:
+        if one.op == INPUT:
+            terms.append(node("name", name=labels[one.which]))
+        elif one.op == CONSTANT:
+            terms.append(node("number", value=one.value))
         else:
-            work[to[0]] = _operation(op, tuple(work[at] for at in taken), node)
+            terms.append(_operation(one.op, tuple(terms[arg] for arg in one.args), node))
+    roots = []
+    for result in graph.outputs:
+        rows, columns = result.shape
+        roots.append([zero] * (rows * columns))
+        for entry in result.entries:
+            roots[-1][entry.column * rows + entry.row] = terms[entry.node]
     uses: dict[int, int] = {}
     for used in ([root for column in roots for root in column], *(one.args for one in known.values())):
         for arg in used:
@@ -184,35 +175,35 @@ def _walked(
     return list(known.values()), roots, uses
 
 
-def _operation(op: int, args: tuple[Term, ...], node: Callable[..., Term]) -> Term:
-    if op in (ca.OP_ASSIGN, ca.OP_LIFT):
+def _operation(op: str, args: tuple[Term, ...], node: Callable[..., Term]) -> Term:
+    if op == "assign":
         return args[0]
-    if op == ca.OP_ADD and all(arg.op == "cases" for arg in args):
+    if op == "add" and all(arg.op == "cases" for arg in args):
         (one, value, _), (other, otherwise, _) = args[0].args, args[1].args
         if other.op == "not" and other.args[0] is one:
             return node("cases", (one, value, otherwise))
         if one.op == "not" and one.args[0] is other:
             return node("cases", (other, otherwise, value))
-    if op == ca.OP_SQ:
+    if op == "sq":
         return node("product", (args[0], args[0]))
-    if op == ca.OP_TWICE:
+    if op == "twice":
         return node("product", (node("number", value=2.0), args[0]))
-    if op == ca.OP_INV:
+    if op == "inv":
         return node("quotient", (node("number", value=1.0), args[0]))
-    if op == ca.OP_IF_ELSE_ZERO:
+    if op == "if_else_zero":
         return node("cases", (*args, node("number")))
     plain = {
-        ca.OP_ADD: "sum",
-        ca.OP_SUB: "difference",
-        ca.OP_NEG: "negative",
-        ca.OP_MUL: "product",
-        ca.OP_DIV: "quotient",
-        ca.OP_POW: "power",
-        ca.OP_CONSTPOW: "power",
+        "add": "sum",
+        "sub": "difference",
+        "neg": "negative",
+        "mul": "product",
+        "div": "quotient",
+        "pow": "power",
+        "constpow": "power",
     }
     name = plain.get(op) or FUNCTIONS.get(op)
     if name is None:
-        raise InvalidValue(f"equations are typeset from arithmetic and elementary functions, got CasADi operation {op}")
+        raise InvalidValue(f"equations are typeset from arithmetic and elementary functions, got {op}")
     return node(name, args)
 
 

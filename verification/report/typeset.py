@@ -10,7 +10,7 @@ import casadi as ca
 
 from models.discretise import Integrated
 from models.plant import Plant, Signal, Values, stacked
-from models.quantity import Quantity, is_declared, quantities, symbolised
+from models.quantity import is_declared, symbolised, walked
 from verification.report.expression import CONDITIONS, LINE, Equation, Term, equations, width
 from verification.report.notation import Latex, MathML, Pen, symbol
 
@@ -78,7 +78,7 @@ def typeset(plant: Plant) -> Typeset:
     named = _named(plant)
     used = _names_in(equations_of(plant))
     pen = MathML()
-    meaning = {path: spec for path, spec, _ in _paths(plant)}
+    meaning = {path: spec for path, spec, _ in walked(plant, lambda _, value: is_declared(value))}
     parameters = tuple(
         Parameter(_whole(pen.identifier(name)), path, value, meaning[path].unit, meaning[path].doc)
         for name, path, value in zip(named.parameters, named.paths, named.values, strict=True)
@@ -199,15 +199,6 @@ def _names_in(found: Sequence[Equation]) -> set[str]:
         names.add(term.name)
         waiting += term.args
     return names
-
-
-def _paths(thing: Any, prefix: str = "") -> list[tuple[str, Quantity, Any]]:
-    found: list[tuple[str, Quantity, Any]] = []
-    for name, spec, value in quantities(thing):
-        found.append((f"{prefix}{name}", spec, value))
-        if is_declared(value):
-            found += _paths(value, f"{prefix}{name}.")
-    return found
 
 
 def _whole(inner: str) -> str:

@@ -20,12 +20,13 @@ import jinja2
 from markupsafe import Markup
 
 from models.plant import Plant
-from models.quantity import InvalidValue, is_declared, quantities
+from models.quantity import InvalidValue, Quantity, is_declared, walked
 from verification.report.junit import junit
 from verification.report.notation import clean
 from verification.report.typeset import Typeset, typeset
 from workbench.contracts import settings
 from workbench.contracts.examination import Figure, Table
+from workbench.contracts.number import finite
 from workbench.contracts.study import Progress
 from workbench.contracts.verdict import Standing, Verdict
 from workbench.trials import progress
@@ -116,7 +117,7 @@ def scores_json(report: Report) -> dict[str, Any]:
     content = report.campaign.scores_json()
     for controller, metrics in report.scores.items():
         row = content["scores"].setdefault(controller, {})
-        row.update({name: _finite(value) for name, value in metrics.items()})
+        row.update({name: finite(value) for name, value in metrics.items()})
     return content
 
 
@@ -279,10 +280,6 @@ def _stopped(report: Report) -> list[tuple[str, str]]:
     return [(str(controller), str(reason)) for controller, reason in reasons if reason]
 
 
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(value)
-
-
 def _text(file: Path, content: str) -> None:
     file.write_text(content.rstrip("\n") + "\n", encoding="utf-8", errors="replace", newline="\n")
 
@@ -300,18 +297,15 @@ def _equations(study: Any) -> Iterator[Equations]:
 
 def _plants_of(study: Any) -> list[tuple[str, Plant]]:
     """Return the plants that a study declares; of one that declares none, what it calls its plant."""
-    found = list(_plants(study)) if is_declared(study) else []
+    fields = walked(study, _may_hold_plants) if is_declared(study) else ()
+    found = [(path, value) for path, _, value in fields if isinstance(value, Plant)]
     own = getattr(study, "plant", None)
     return found or ([("plant", own)] if isinstance(own, Plant) else [])
 
 
-def _plants(thing: Any, prefix: str = "") -> Iterator[tuple[str, Plant]]:
-    """Yield the plants that a study declares, outermost only, with their paths."""
-    for name, spec, value in quantities(thing):
-        if isinstance(value, Plant):
-            yield f"{prefix}{name}", value
-        elif spec.kind == "part" and is_declared(value):
-            yield from _plants(value, f"{prefix}{name}.")
+def _may_hold_plants(spec: Quantity, value: Any) -> bool:
+    """Tell whether to look into a field: not into a plant, whose own plant is told with it."""
+    return spec.kind == "part" and is_declared(value) and not isinstance(value, Plant)
 
 
 def _drawn(report: Report, folder: Path, shown: Progress) -> list[Drawn]:

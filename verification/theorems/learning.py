@@ -14,6 +14,7 @@ from verification.enclosure.box import Box
 from verification.theorems import conclusion
 from workbench.contracts.examination import Examination, Figure
 from workbench.contracts.law import Estimating, Learning, learns_increment
+from workbench.contracts.number import finite
 from workbench.contracts.verdict import Claim
 from workbench.evidence import figures as plots_ppd
 from workbench.evidence import sweeps
@@ -273,12 +274,8 @@ def scores(campaign: Campaign, files: Sequence[Dossier]) -> Mapping[str, Mapping
                 if ratio.size
                 else None,
             }
-        result[d.controller].update({key: _finite(value) for key, value in metrics.items()})
+        result[d.controller].update({key: finite(value) for key, value in metrics.items()})
     return result
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and np.isfinite(value) else None
 
 
 def figures(files: Sequence[Dossier], full: bool) -> Mapping[str, Figure]:

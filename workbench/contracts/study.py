@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import xarray as xr
 
 Scores = dict[str, dict[str, float | None]]
 Progress = Callable[[int, str], Any]
 """progress(total, label) gives a context manager whose value is called with the steps done."""
+
+
+class Measures(NamedTuple):
+    """What a study measures beyond the common metrics."""
+
+    headings: Mapping[str, str]
+    """What a table calls every metric, its unit included, by the metric's name."""
+    scores: Callable[[Any, xr.Dataset], Scores]
+    """Gives these metrics by controller, from the study and its record; None stands for one that does not exist."""
 
 
 @runtime_checkable

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from typing import Any
+
+from workbench.contracts.number import finite
 
 
 class Standing(StrEnum):
@@ -53,7 +54,7 @@ class Claim:
     """A statement of a paper (or its repair), and the check that looks at it."""
 
     name: str
-    """Dotted, beginning with the study: ``metro.A4.printed``."""
+    """Dotted, beginning with the study: ``NAME.A4.printed``."""
     statement: str
     source: str
     """Paper and equation or assumption."""
@@ -103,7 +104,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, int):
         return value
     try:
-        number = float(value)
+        return finite(value)
     except (TypeError, ValueError, RuntimeError):
         return str(value)
-    return number if math.isfinite(number) else None

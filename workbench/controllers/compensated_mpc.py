@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from models.quantity import count, declared, given
 from workbench.predictive.condensed import CondensedQP, Plan, tube_problem
-from workbench.predictive.decision import Decision, Following, without_plan
+from workbench.predictive.decision import Decision, Following, planned_anew
 from workbench.predictive.disturbance_model import DisturbanceModel
 from workbench.predictive.quadratic_program import Infeasible
 from workbench.predictive.tube import Tube
@@ -63,9 +63,4 @@ class CompensatedMPC:
             If e or d is not finite.
         """
         answer = self.plan(e, np.broadcast_to(np.asarray(d, dtype=np.float64), (self.tube.plant.delay + 1,)))
-        reason = answer.reason if isinstance(answer, Infeasible) else ""
-        plan = memory.plan if isinstance(answer, Infeasible) else answer
-        if plan is None:
-            return without_plan(e, self.tube.K, reason, qps=1)
-        decision = Decision(du=float(plan.du[0]), M=1, J=plan.J, qps=1, infeasible=reason)
-        return decision, Following(plan=plan.advanced(self.tube.K, self.tube.A_cl), wait=0)
+        return planned_anew(memory, answer, e, self.tube.K, self.tube.A_cl)

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
-
-import casadi as ca
+from typing import Any, ClassVar
 
 from models.quantity import choice, declared, quantity, switch
-from workbench.contracts.law import Task, Trial, known
-
-
-class Memory(NamedTuple):
-    """The plan of the trial to come, (1, N), what the start was moved by, (outputs, 1), and the sampling time."""
-
-    F: Any
-    moved: Any
-    sampling_time: Any
+from workbench.contracts.law import Task, Trial
+from workbench.controllers.parts import d_type
+from workbench.controllers.parts.d_type import Memory
 
 
 @declared
@@ -34,8 +26,7 @@ class FixedGain:
 
     def start(self, task: Task) -> Memory:
         """Return the reference's acceleration, mean over every sample, and a start that was not moved."""
-        v = task.reference[1, :]
-        return Memory((v[1:] - v[:-1]) / task.sampling_time, ca.DM.zeros(2, 1), task.sampling_time)
+        return d_type.first(task)
 
     def place(self, memory: Memory, x0: Any) -> Any:
         """Return the initial state: position and speed as learned."""
@@ -47,7 +38,7 @@ class FixedGain:
 
     def learn(self, memory: Memory, trial: Trial) -> Memory:
         """Return plan and start for the next trial."""
-        e = known(trial.reached, trial.e[1 if self.learns == "speed" else 0, :])
-        F = memory.F + self.lam * known(trial.reached[1:], e[1:] - e[:-1]) / memory.sampling_time  # (3)
-        moved = memory.moved + self.lam0 * trial.e[:, 0] if self.initial_learning else memory.moved  # (5)
+        rise = d_type.rise(trial, 1 if self.learns == "speed" else 0)
+        F = memory.F + self.lam * rise / memory.sampling_time  # (3)
+        moved = d_type.moved(memory, trial, self.lam0, self.initial_learning)  # (5)
         return Memory(F, moved, memory.sampling_time)

@@ -1,4 +1,4 @@
-"""Laws that feed back position and speed, on a train that measures its speed only."""
+"""Laws that feed back position and speed, where only the speed is measured."""
 
 from __future__ import annotations
 
@@ -30,8 +30,6 @@ class Odometry:
         """Return the refusal of a plant that does not measure a speed, or the law's own."""
         if len(study.plant.outputs) != 1 or study.plant.outputs[0].name != "speed":
             return f"{type(self.law).__name__} on odometry needs a plant that measures a speed, nothing else"
-        if getattr(self.law, "model", self) is None:
-            return f"{type(self.law).__name__} needs a model: the mass and running resistance of the train"
         return self.law.refusal(study) if isinstance(self.law, Choosy) else None
 
     def start(self, task: Task) -> Any:

@@ -6,10 +6,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
-from models.maglev import Maglev
 from models.plant import Signal, signals
 from models.quantity import declared, given, quantity
 from workbench.contracts.law import Task, Trial
+from workbench.controllers.parts.nominal_model import NominalModel, lacking, needed
 from workbench.controllers.parts.shuttle_force import base_force, errors, late_by
 
 
@@ -41,11 +41,15 @@ class PALC:
     source: ClassVar[str] = "Zhang, Nan, Cao et al., PALC of a maglev train, (8)-(13)"
     tells: ClassVar[tuple[Signal, ...]] = signals(line_resistance=("N", "learned line resistance"))
 
-    model: Maglev = given(default=Maglev(), doc="the train as the law knows it; the study gives its own")
+    model: NominalModel | None = given(default=None, doc="what the law knows of what it moves; the study gives it")
     late: int = given(default=0, doc="samples by which the assumed period is too long; the study gives its own")
     alpha: float = quantity(default=0.4, unit="1/s", doc="gain on S", above=0)
     lam: float = quantity(default=0.22, unit="1/s", doc="weight of the position error in S", above=0)
-    gamma: float = quantity(default=0.2, unit="1/s", doc="learning gain k over the train's mass", above=0)
+    gamma: float = quantity(default=0.2, unit="1/s", doc="learning gain k over the mass", above=0)
+
+    def refusal(self, study: Any) -> str | None:
+        """Return the refusal of a study that gives no model."""
+        return lacking(self, self.model)
 
     def start(self, task: Task) -> Memory:
         """Return nothing learned."""
@@ -59,9 +63,10 @@ class PALC:
     def act(self, memory_k: Memory, state: State, r: Any, r_next: Any, y: Any) -> tuple[Any, State]:
         """Return the force and the line resistance learned."""
         e = errors(r, y, self.lam)
-        d_hat = memory_k.d_hat - memory_k.learning * self.gamma * self.model.mass * e.s  # (13)
+        model = needed(self, self.model)
+        d_hat = memory_k.d_hat - memory_k.learning * self.gamma * model.mass * e.s  # (13)
         acceleration = (r_next[1] - r[1]) / memory_k.sampling_time
-        return (base_force(self.model, e, acceleration, y[1], self.alpha, self.lam) + d_hat,), State(d_hat)  # (12)
+        return (base_force(model, e, acceleration, y[1], self.alpha, self.lam) + d_hat,), State(d_hat)  # (12)
 
     def learn(self, memory: Memory, trial: Trial) -> Memory:
         """Return what was learned, as the next period will read it."""

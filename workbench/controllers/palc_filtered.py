@@ -6,11 +6,11 @@ from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
-from models.maglev import Maglev
 from models.plant import Signal, signals
 from models.quantity import declared, given, quantity
 from workbench.contracts.law import Task, Trial
 from workbench.controllers.parts import zero_phase
+from workbench.controllers.parts.nominal_model import NominalModel, lacking, needed
 from workbench.controllers.parts.shuttle_force import base_force, errors, late_by
 
 WRAP = 10
@@ -37,12 +37,12 @@ class FilteredPALC:
     source: ClassVar[str] = "ours, after Zhang, Nan, Cao et al., PALC of a maglev train, (12)-(13)"
     tells: ClassVar[tuple[Signal, ...]] = signals(line_resistance=("N", "learned line resistance"))
 
-    model: Maglev = given(default=Maglev(), doc="the train as the law knows it; the study gives its own")
+    model: NominalModel | None = given(default=None, doc="what the law knows of what it moves; the study gives it")
     late: int = given(default=0, doc="samples by which the assumed period is too long; the study gives its own")
     limit: float | None = given(default=None, doc="largest force in N; the study gives its own")
     alpha: float = quantity(default=0.4, unit="1/s", doc="gain on S", above=0)
     lam: float = quantity(default=0.22, unit="1/s", doc="weight of the position error in S", above=0)
-    gamma: float = quantity(default=0.2, unit="1/s", doc="learning gain k over the train's mass", above=0)
+    gamma: float = quantity(default=0.2, unit="1/s", doc="learning gain k over the mass", above=0)
     q_cutoff_hz: float | None = quantity(
         default=0.5,
         unit="Hz",
@@ -56,14 +56,14 @@ class FilteredPALC:
     )
 
     def refusal(self, study: Any) -> str | None:
-        """Return the refusal of a filter or a lead that the sampling time and the period do not admit."""
+        """Return the refusal of a study that gives no model, or whose sampling time or period admit no such filter."""
         step = float(study.plant.sampling_time)
         nyquist = 0.5 / step
         if self.q_cutoff_hz is not None and self.q_cutoff_hz >= nyquist:
             return f"q_cutoff_hz must lie below half the sampling frequency, {nyquist:g} Hz, got {self.q_cutoff_hz:g}"
         if self.lead_s >= study.horizon * step:
             return f"lead_s must lie below the period of {study.horizon * step:g} s, got {self.lead_s:g}"
-        return None
+        return lacking(self, self.model)
 
     def start(self, task: Task) -> Memory:
         """Return nothing learned."""
@@ -74,16 +74,19 @@ class FilteredPALC:
         """Return the force with the line resistance as learned up to the last period."""
         e = errors(r, y, self.lam)
         acceleration = (r_next[1] - r[1]) / memory_k.sampling_time
-        return (base_force(self.model, e, acceleration, y[1], self.alpha, self.lam) + memory_k.d_hat,), state
+        return (
+            base_force(needed(self, self.model), e, acceleration, y[1], self.alpha, self.lam) + memory_k.d_hat,
+        ), state
 
     def learn(self, memory: Memory, trial: Trial) -> Memory:
         """Return what was learned, as the next period will read it."""
-        ahead = round(self.lead_s / self.model.sampling_time)
+        model = needed(self, self.model)
+        ahead = round(self.lead_s / model.sampling_time)
         s = _turned(errors(trial.r, trial.y, self.lam).s[:, :-1], ahead)
         if self.limit is not None:
             free = ca.fabs(trial.u) < self.limit
             s = ca.if_else(ca.logic_and(free, _turned(free, ahead)), s, 0)
-        d_hat = memory.d_hat - self.gamma * self.model.mass * s
+        d_hat = memory.d_hat - self.gamma * model.mass * s
         if self.q_cutoff_hz is not None:
             wrap = d_hat.shape[1] // WRAP
             wide = ca.horzcat(d_hat[:, -wrap:], d_hat, d_hat[:, :wrap])

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from models.quantity import count, declared, given
 from workbench.predictive.condensed import CondensedQP, Plan, tube_problem
-from workbench.predictive.decision import Decision, Following, without_plan
+from workbench.predictive.decision import Decision, Following, planned_anew
 from workbench.predictive.quadratic_program import Infeasible
 from workbench.predictive.tube import Tube
 
@@ -44,10 +44,4 @@ class RMPC:
         InvalidValue
             If e is not finite.
         """
-        answer = self.plan(e)
-        reason = answer.reason if isinstance(answer, Infeasible) else ""
-        plan = memory.plan if isinstance(answer, Infeasible) else answer
-        if plan is None:
-            return without_plan(e, self.tube.K, reason, qps=1)
-        decision = Decision(du=float(plan.du[0]), M=1, J=plan.J, qps=1, infeasible=reason)
-        return decision, Following(plan=plan.advanced(self.tube.K, self.tube.A_cl), wait=0)
+        return planned_anew(memory, self.plan(e), e, self.tube.K, self.tube.A_cl)

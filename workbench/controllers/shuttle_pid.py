@@ -6,9 +6,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
-from models.maglev import Maglev
 from models.quantity import declared, given, quantity
 from workbench.contracts.law import Task, Trial
+from workbench.controllers.parts.nominal_model import NominalModel, lacking, needed
 from workbench.controllers.parts.shuttle_force import base_force, errors
 
 
@@ -35,10 +35,14 @@ class ShuttlePID:
 
     source: ClassVar[str] = "Zhang, Nan, Cao et al., PALC of a maglev train, the PID of figures 4-12"
 
-    model: Maglev = given(default=Maglev(), doc="the train as the law knows it; the study gives its own")
+    model: NominalModel | None = given(default=None, doc="what the law knows of what it moves; the study gives it")
     alpha: float = quantity(default=0.4, unit="1/s", doc="gain on S", above=0)
     lam: float = quantity(default=0.22, unit="1/s", doc="weight of the position error in S", above=0)
-    ki_over_m: float = quantity(default=0.01, unit="1/s^3", doc="integral gain over the train's mass", least=0)
+    ki_over_m: float = quantity(default=0.01, unit="1/s^3", doc="integral gain over the mass", least=0)
+
+    def refusal(self, study: Any) -> str | None:
+        """Return the refusal of a study that gives no model."""
+        return lacking(self, self.model)
 
     def start(self, task: Task) -> Memory:
         """Return an empty integral."""
@@ -52,8 +56,9 @@ class ShuttlePID:
         """Return the force, and the integral with this sample's error."""
         e = errors(r, y, self.lam)
         acceleration = (r_next[1] - r[1]) / memory_k.sampling_time
-        force = base_force(self.model, e, acceleration, y[1], self.alpha, self.lam)
-        force = force - self.ki_over_m * self.model.mass * state.integral
+        model = needed(self, self.model)
+        force = base_force(model, e, acceleration, y[1], self.alpha, self.lam)
+        force = force - self.ki_over_m * model.mass * state.integral
         return (force,), State(state.integral + e.x * memory_k.sampling_time)
 
     def learn(self, memory: Memory, trial: Trial) -> Memory:

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import casadi as ca
 
 from models.plant import Signal, signals
 from models.quantity import declared, quantity, switch
 from workbench.contracts.law import Task, Trial, known
-from workbench.controllers.parts import zero_phase
-
-
-class Memory(NamedTuple):
-    """The plan of the trial to come, (1, N), what the start was moved by, (outputs, 1), and the sampling time."""
-
-    F: Any
-    moved: Any
-    sampling_time: Any
+from workbench.controllers.parts import d_type, zero_phase
+from workbench.controllers.parts.d_type import Memory
 
 
 @declared
@@ -44,8 +37,7 @@ class VariableGain:
 
     def start(self, task: Task) -> Memory:
         """Return the reference's acceleration, mean over every sample, and a start that was not moved."""
-        v = task.reference[1, :]
-        return Memory((v[1:] - v[:-1]) / task.sampling_time, ca.DM.zeros(2, 1), task.sampling_time)
+        return d_type.first(task)
 
     def place(self, memory: Memory, x0: Any) -> Any:
         """Return the initial state: position and speed as learned."""
@@ -57,10 +49,9 @@ class VariableGain:
 
     def learn(self, memory: Memory, trial: Trial) -> Memory:
         """Return plan and start for the next trial."""
-        e_v = known(trial.reached, trial.e[1, :])
-        slope = known(trial.reached[1:], e_v[1:] - e_v[:-1]) / memory.sampling_time
+        slope = d_type.rise(trial, 1) / memory.sampling_time
         F = memory.F + self.gain(memory, trial) * slope  # (3)
-        moved = memory.moved + self.lam0 * trial.e[:, 0] if self.initial_learning else memory.moved  # (5)
+        moved = d_type.moved(memory, trial, self.lam0, self.initial_learning)  # (5)
         return Memory(F, moved, memory.sampling_time)
 
     def tell(self, memory: Memory, trial: Trial) -> Any:

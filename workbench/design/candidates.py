@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from models.plant import Plant
-from models.quantity import InvalidValue, declared, given, part
-from workbench.contracts.settings import changed
+from models.quantity import InvalidValue, declared, given, nested, part
+from workbench.contracts.settings import changed, rows
 from workbench.controllers import CFDL, ICFDL, PD, Increment
 from workbench.controllers.bp_fipid import BPFIPID
 from workbench.controllers.fipid import FIPID
@@ -37,31 +37,23 @@ class Candidate:
 
     def check(self) -> None:
         """Raise InvalidValue for a range of a setting that the law does not have."""
+        numbers = self._numbers()
         for name in self.ranges:
-            if not isinstance(_read(self.law, name), float):
+            if name not in numbers:
                 raise InvalidValue(f"{type(self.law).__name__} has no number {name!r} to tune")
 
     @property
     def first(self) -> dict[str, float]:
         """The settings that tuning starts from, by path."""
-        return {name: float(_read(self.law, name)) for name in self.ranges}
+        numbers = self._numbers()
+        return {name: numbers[name] for name in self.ranges}
 
     def tuned(self, settings: Mapping[str, float]) -> Any:
         """Return the law with other settings, given by path (``law.alpha`` for a law within a law)."""
-        changes: dict[str, Any] = {}
-        for path, value in settings.items():
-            *above, last = path.split(".")
-            node = changes
-            for step in above:
-                node = node.setdefault(step, {})
-            node[last] = value
-        return changed(self.law, changes)
+        return changed(self.law, nested(settings))
 
-
-def _read(thing: Any, path: str) -> Any:
-    for name in path.split("."):
-        thing = getattr(thing, name, None)
-    return thing
+    def _numbers(self) -> dict[str, float]:
+        return {row.path: row.value for row in rows(self.law) if isinstance(row.value, float)}
 
 
 class Scale(NamedTuple):
@@ -153,8 +145,8 @@ def _tracking_mpc(s: Scale, plant: Plant) -> Candidate:
 
 
 @dataclasses.dataclass(frozen=True)
-class KnownTrain:
-    """What a law may know of a train: its nominal mass and running resistance, in kg, N and m/s."""
+class KnownPlant:
+    """What a law may know of a plant that has a mass and a running resistance, in kg, N and m/s."""
 
     plant: Any
     speed_unit: float
@@ -164,20 +156,25 @@ class KnownTrain:
         """The nominal mass in kg."""
         return float(self.plant.mass)
 
+    @property
+    def sampling_time(self) -> float:
+        """The sampling time in s."""
+        return float(self.plant.sampling_time)
+
     def running_resistance(self, v: Any) -> Any:
         """Return the resistance in N at v in m/s, at the trial's first sample."""
         return self.plant.running_resistance(v * self.speed_unit, 0)
 
 
-def _known_train(plant: Any) -> KnownTrain | None:
+def _known_plant(plant: Any) -> KnownPlant | None:
     if not isinstance(getattr(plant, "mass", None), float) or not hasattr(plant, "running_resistance"):
         return None
-    return KnownTrain(plant, float(getattr(plant, "speed_factor", 1.0)))
+    return KnownPlant(plant, float(getattr(plant, "speed_factor", 1.0)))
 
 
 def _palc(s: Scale, plant: Plant) -> Candidate:
-    model = _known_train(plant)
-    law = Odometry(law=PALC(model=model), speed_unit=model.speed_unit if model else 1.0)  # type: ignore[arg-type]
+    model = _known_plant(plant)
+    law = Odometry(law=PALC(model=model), speed_unit=model.speed_unit if model else 1.0)
     ranges = {"law.alpha": (0.05, 20.0), "law.lam": (1e-3, 5.0), "law.gamma": (1e-3, 5.0)}
     return Candidate(law=law, ranges=ranges)
 

@@ -14,7 +14,8 @@ from models.actuator import Actuator
 from models.plant import Plant
 from models.quantity import InvalidValue, count, declared, given, part, quantity
 from workbench.contracts.law import Choosy, Learning
-from workbench.contracts.study import Progress, Scores
+from workbench.contracts.number import finite
+from workbench.contracts.study import Measures, Progress, Scores
 from workbench.controllers.odometry import Odometry
 from workbench.design.candidates import Candidate, candidates
 from workbench.design.tuning import Tuned, tune
@@ -26,7 +27,6 @@ from workbench.trials.study import TrialStudy
 TUNING_STREAM = 1
 JUDGED = 5  # last trials whose mean MSE tuning minimises: one alone may be lucky with its noise
 NEAR_FINAL = 1.1
-JOULES_PER_KWH = 3.6e6
 
 
 @declared
@@ -44,7 +44,7 @@ class Comparison:
     source: str = given(default="ours", doc="where it comes from")
     plant: Plant = part(doc="the plant as it is believed to be, without actuators")
     reference: Any = given(doc="what the output should follow")
-    speed_factor: float = given(default=1.0, doc="output units in one m/s, for jerk and energy")
+    measures: tuple[Measures, ...] = given(default=(), doc="what is measured beyond the common metrics")
     laws: Mapping[str, Candidate] = part(doc="the laws by name")
     actuator: Actuator = part(
         default=Actuator(lower=-450e3, upper=450e3, rate=500e3), doc="limits, rate limit, lag and dead time"
@@ -171,36 +171,35 @@ class Comparison:
         """Return the metrics of every law; None where it diverged or does not suit the plant.
 
         mse is the mean over the trials, mse_last that of the last; trials_needed the first trial from which on the
-        MSE stays within 10 % above the final one (1 for a law that does not learn). Of the last trial: max_jerk in
-        m/s^3, energy_kwh drawn in traction, force_peak of the applied input. solves counts optimisations.
+        MSE stays within 10 % above the final one (1 for a law that does not learn). solves counts optimisations.
+        What the study measures besides stands between.
         """
+        besides = [one.scores(self, data) for one in self.measures]
         found: Scores = {}
-        laws = self.tuned_laws(data)
-        for name, law in laws.items():
-            found[name] = self._scored(data.sel(controller=name), law)
+        for name, law in self.tuned_laws(data).items():
+            learned, spent = self._scored(data.sel(controller=name), law)
+            found[name] = learned
+            for one in besides:
+                found[name] |= one.get(name, {})
+            found[name] |= spent
         nothing = dict.fromkeys(next(iter(found.values())))
         return found | {str(name): dict(nothing) for name in data["refused_law"].values}
 
-    def _scored(self, one: xr.Dataset, law: Any) -> dict[str, float | None]:
-        ts = float(self.plant.sampling_time)
+    def _scored(self, one: xr.Dataset, law: Any) -> tuple[dict[str, float | None], dict[str, float | None]]:
+        """Return the metrics of what was learned, and of what it took."""
         mse = one["mse"].values
-        last = one.isel(trial=-1)
-        speed = last["output"].values / self.speed_factor
-        applied = [name for name in one if str(name).startswith("applied_")]
-        force = last[applied[0] if applied else "input"].values[:-1]
         whole = bool(np.isfinite(mse).all())
         near = np.flatnonzero(mse > NEAR_FINAL * mse[-1]) if whole and learns(law) else np.zeros(0)
-        power = np.maximum(force * (speed[:-1] + speed[1:]) / 2, 0.0)
-        return {
-            "mse": _number(mse.mean()),
-            "mse_last": _number(mse[-1]),
+        learned = {
+            "mse": finite(mse.mean()),
+            "mse_last": finite(mse[-1]),
             "trials_needed": (float(near[-1] + 2) if near.size else 1.0) if whole else None,
-            "max_jerk": _number(np.abs(np.diff(speed, 2)).max() / ts**2),
-            "energy_kwh": _number(power.sum() * ts / JOULES_PER_KWH),
-            "force_peak": _number(np.abs(force).max()),
-            "solves": float(getattr(law, "solves_per_sample", 0) * (speed.size - 1) * mse.size),
+        }
+        spent: dict[str, float | None] = {
+            "solves": float(getattr(law, "solves_per_sample", 0) * (one.sizes["sample"] - 1) * mse.size),
             "evaluations": float(one.sizes["evaluation"]),
         }
+        return learned, spent
 
     def figures(self, data: xr.Dataset) -> Mapping[str, Callable[[], Any]]:
         """Return the figures by name, as functions that draw."""
@@ -212,11 +211,6 @@ class Comparison:
 def learns(law: Any) -> bool:
     """Tell whether a law learns between trials, looking into an adapter."""
     return isinstance(law.law if isinstance(law, Odometry) else law, Learning)
-
-
-def _number(value: Any) -> float | None:
-    number = float(value)
-    return number if np.isfinite(number) else None
 
 
 def _tuning_seed(seed: int) -> int:
@@ -235,11 +229,11 @@ def comparison(study: Any, laws: Sequence[str] | None = None) -> Comparison:
         made = candidates(study.plant, study.reference.samples(study.plant), missing) if missing else {}
         return dataclasses.replace(study, laws={name: {**study.laws, **made}[name] for name in chosen})
     if not isinstance(study, TrialStudy):
-        raise InvalidValue(f"compare takes a study made of trials, as metro is; {study.name} is of another kind")
+        raise InvalidValue(f"compare takes a study made of trials, a TrialStudy; {study.name} is of another kind")
     return Comparison(
         plant=study.plant,
         reference=study.reference,
-        speed_factor=float(getattr(study.plant, "speed_factor", 1.0)),
+        measures=study.compared,
         laws=candidates(study.plant, study.reference_samples, laws),
         mass_off_percent=10.0 if isinstance(getattr(study.plant, "mass", None), float) else 0.0,
     )

@@ -21,7 +21,7 @@ def comparison_figures(study: Any, data: xr.Dataset) -> Mapping[str, Callable[[]
 
 
 def comparison(sampling_time: float, data: xr.Dataset) -> Any:
-    """Draw the MSE by trial, what tuning found by evaluation, and speed error and force of the last trial."""
+    """Draw the MSE by trial, what tuning found by evaluation, and error and applied input of the last trial."""
     names = ran(data)
     applied = next((str(name) for name in data if str(name).startswith("applied_")), "input")
     time = data["sample"].values * sampling_time

@@ -23,15 +23,16 @@ def compare(
     return run(assigned(comparison(study, laws), settings), show_progress=show_progress)
 
 
-HEADER = {
-    "mse": "MSE, mean over trials",
-    "mse_last": "final MSE",
-    "trials_needed": "trials needed",
-    "max_jerk": "jerk (m/s^3)",
-    "energy_kwh": "energy (kWh)",
-    "force_peak": "force peak (N)",
-    "solves": "solves",
-}
+def headings(study: Comparison) -> dict[str, str]:
+    """Return what the table calls every metric, those that the study measures besides included."""
+    measured = {metric: heading for one in study.measures for metric, heading in one.headings.items()}
+    return {
+        "mse": "MSE, mean over trials",
+        "mse_last": "final MSE",
+        "trials_needed": "trials needed",
+        **measured,
+        "solves": "solves",
+    }
 
 
 def table(campaign: Campaign, times: Mapping[str, float] | None = None) -> list[tuple[str, ...]]:
@@ -39,7 +40,8 @@ def table(campaign: Campaign, times: Mapping[str, float] | None = None) -> list[
 
     Without times it is the same for the same settings and seed, to the last digit.
     """
-    header = ["law", *HEADER.values(), *(["time per sample (us)"] if times is not None else []), "note"]
+    columns = headings(campaign.study)
+    header = ["law", *columns.values(), *(["time per sample (us)"] if times is not None else []), "note"]
     rows = [tuple(header)]
     refused = dict(
         zip(campaign.data["refused_law"].values.tolist(), campaign.data["refused"].values.tolist(), strict=True)
@@ -49,7 +51,7 @@ def table(campaign: Campaign, times: Mapping[str, float] | None = None) -> list[
         for name, why in zip(campaign.data["controller"].values, campaign.data["stopped"].values, strict=True)
     }
     for name, metrics in campaign.scores().items():
-        cells = [_shown(metrics[metric]) for metric in HEADER]
+        cells = [_shown(metrics.get(metric)) for metric in columns]
         timed = [] if times is None else [f"{times[name]:.3f}" if name in times else "-"]
         note = f"does not suit: {refused[name]}" if name in refused else stopped.get(name, "")
         rows.append((name, *cells, *timed, note))

@@ -73,7 +73,7 @@ class Evidence:
 
 
 def gain_unit(output: str, given: str) -> str:
-    """Return the unit of an output per input, ``(km/h)/N``; ``1`` where both are pure numbers."""
+    """Return the unit of an output per input, ``(m/s)/N``; ``1`` where both are pure numbers."""
     if output == given == "1":
         return "1"
     return "/".join(f"({unit})" if "/" in unit or " " in unit else unit for unit in (output, given))

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import casadi as ca
 
-_NAMES = "SIN COS TAN ASIN ACOS ATAN ATAN2 SINH COSH TANH EXP LOG POW ERF"
-DEAR = frozenset(getattr(ca, f"OP_{name}") for name in _NAMES.split())
-"""Operations that cost more than being read from memory."""
+from workbench.graph import OPERATIONS, read
+from workbench.graph.operations import CONSTANT, INPUT, LOOKUP
+from workbench.graph.symbolic import SYMBOLS
 
 
 class Timetable(NamedTuple):
@@ -26,25 +26,32 @@ class Timetable(NamedTuple):
     """(m, 1), expressions of k and the parameters only."""
 
 
+class _Quantity(NamedTuple):
+    """A node's expression, whether it depends on time and parameters alone, on the time, and is dear to compute."""
+
+    value: ca.SX
+    alone: bool
+    of_k: bool
+    dear: bool
+
+
 def timetable(results: Sequence[ca.SX], k: ca.SX, parameters: ca.SX) -> Timetable:
     """Take out of SX expressions the largest parts that depend on k, on parameters and on nothing else.
 
-    Only parts with an operation of :data:`DEAR` are taken; the other operations stay, in their order.
+    Only parts with an operation that is dear are taken; the other operations stay, in their order.
     """
     free = ca.symvar(ca.vertcat(*(ca.vec(result) for result in results)))
     timed = {symbol.element_hash() for symbol in ca.symvar(ca.vertcat(k, parameters))}
     moving = k.element_hash()
-    graph = ca.Function("graph", free, [ca.densify(result) for result in results], {"cse": True})
-    slots: dict[int, tuple[ca.SX, bool, bool, bool]] = {}  # value, of time alone, of k, dear
+    graph = read(ca.Function("graph", free, [ca.densify(result) for result in results], {"cse": True}))
     symbols: list[ca.SX] = []
     values: list[ca.SX] = []
     taken: dict[int, ca.SX] = {}
-    made = [ca.SX.zeros(*graph.size_out(i)) for i in range(graph.n_out())]
 
-    def handed(slot: int) -> ca.SX:
-        """Return a slot's value for an operation that does more than tell the time."""
-        value, alone, of_k, dear = slots[slot]
-        if not (alone and of_k and dear):
+    def handed(quantity: _Quantity) -> ca.SX:
+        """Return a quantity's value for an operation that does more than tell the time."""
+        value = quantity.value
+        if not (quantity.alone and quantity.of_k and quantity.dear):
             return value
         if value.element_hash() not in taken:
             symbols.append(ca.SX.sym(f"timed{len(symbols)}"))
@@ -52,20 +59,27 @@ def timetable(results: Sequence[ca.SX], k: ca.SX, parameters: ca.SX) -> Timetabl
             taken[value.element_hash()] = symbols[-1]
         return taken[value.element_hash()]
 
-    for index in range(graph.n_instructions()):
-        operation = graph.instruction_id(index)
-        inputs, outputs = graph.instruction_input(index), graph.instruction_output(index)
-        if operation == ca.OP_CONST:
-            slots[outputs[0]] = (ca.SX(graph.instruction_constant(index)), True, False, False)
-        elif operation == ca.OP_INPUT:
-            symbol = free[inputs[0]]
-            slots[outputs[0]] = (symbol, symbol.element_hash() in timed, symbol.element_hash() == moving, False)
-        elif operation == ca.OP_OUTPUT:
-            made[outputs[0]].nz[outputs[1]] = handed(inputs[0])
+    quantities: list[_Quantity] = []
+    for node in graph.nodes:
+        if node.op == CONSTANT:
+            quantities.append(_Quantity(ca.SX(node.value), True, False, False))
+            continue
+        if node.op == INPUT:
+            symbol = free[node.which]
+            hashed = symbol.element_hash()
+            quantities.append(_Quantity(symbol, hashed in timed, hashed == moving, False))
+            continue
+        args = [quantities[arg] for arg in node.args]
+        alone = all(arg.alone for arg in args)
+        given = [arg.value if alone else handed(arg) for arg in args]
+        if node.op == LOOKUP:
+            value = SYMBOLS.lookup(graph.table_of(node), graph.lookups[node.which], given)
         else:
-            alone = all(slots[slot][1] for slot in inputs)
-            arguments = [slots[slot][0] if alone else handed(slot) for slot in inputs]
-            value = ca.SX.unary(operation, *arguments) if len(inputs) == 1 else ca.SX.binary(operation, *arguments)
-            dear = operation in DEAR or any(slots[slot][3] for slot in inputs)
-            slots[outputs[0]] = (value, alone, any(slots[slot][2] for slot in inputs), dear)
+            value = SYMBOLS.operations[node.op](*given)
+        dear = node.op == LOOKUP or OPERATIONS[node.op].dear or any(arg.dear for arg in args)
+        quantities.append(_Quantity(value, alone, any(arg.of_k for arg in args), dear))
+    made = [ca.SX.zeros(*result.shape) for result in graph.outputs]
+    for whole, result in zip(made, graph.outputs, strict=True):
+        for entry in result.entries:
+            whole[entry.row, entry.column] = handed(quantities[entry.node])
     return Timetable(made, ca.vertcat(*symbols), ca.vertcat(*values))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workbench.predictive.condensed import Plan
+from workbench.predictive.quadratic_program import Infeasible
 from workbench.sets.array import Array
 
 
@@ -39,6 +40,21 @@ def without_plan(e: ArrayLike, K: Array, reason: str, qps: int) -> tuple[Decisio
     """
     du = float(K @ np.asarray(e, dtype=np.float64))
     return Decision(du=du, M=1, J=np.nan, qps=qps, infeasible=f"{reason}; no earlier plan, feedback acts"), start()
+
+
+def planned_anew(
+    memory: Following, answer: Plan | Infeasible, e: ArrayLike, K: Array, A_cl: Array
+) -> tuple[Decision, Following]:
+    """What a law does that plans at every sample: follow the new plan, or the last where none could be made.
+
+    `K` and `A_cl` continue a plan by its feedback; `e` is used where there never was one, see `without_plan`.
+    """
+    reason = answer.reason if isinstance(answer, Infeasible) else ""
+    plan = memory.plan if isinstance(answer, Infeasible) else answer
+    if plan is None:
+        return without_plan(e, K, reason, qps=1)
+    decision = Decision(du=float(plan.du[0]), M=1, J=plan.J, qps=1, infeasible=reason)
+    return decision, Following(plan=plan.advanced(K, A_cl), wait=0)
 
 
 def start() -> Following:

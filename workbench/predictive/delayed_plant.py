@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.quantity import InvalidValue
-from workbench.predictive.regulator import unstabilizable
+from workbench.predictive.regulator import require_stabilizable
 from workbench.sets import Zonotope, reachable
 from workbench.sets.array import Array, checked
 
@@ -35,7 +35,7 @@ class DelayedPlant:
         If shapes do not fit, an entry is not finite, the delay is not a whole number of samples, or the plant is
         not stabilisable.
 
-    Source: Liu et al. 2022, doi 10.16383/j.aas.c200039, (9). The delayed input in the state is u(k-l-1); the printed
+    Source: doi 10.16383/j.aas.c200039, (9). The delayed input in the state is u(k-l-1); the printed
     u(k-l) contradicts the printed b.
     """
 
@@ -58,12 +58,7 @@ class DelayedPlant:
         if len(names) != b.size:
             raise InvalidValue(f"names must name each of the {b.size} states, got {len(names)}")
         object.__setattr__(self, "names", names)
-        stuck = unstabilizable(A, b)
-        if stuck.size:
-            raise InvalidValue(
-                f"(A, b) must be stabilisable, got the eigenvalue {stuck[0]:.6g} that b does not reach; "
-                "leave that state out or add an input"
-            )
+        require_stabilizable(A, b)
 
     @property
     def order(self) -> int:

@@ -40,6 +40,16 @@ def unstabilizable(A: ArrayLike, b: ArrayLike, *, tolerance: float = EIGENVALUE_
     return np.array(stuck, dtype=np.complex128)
 
 
+def require_stabilizable(A: ArrayLike, b: ArrayLike) -> None:
+    """Raise InvalidValue where the input does not reach an eigenvalue of A on or outside the unit circle."""
+    stuck = unstabilizable(A, b)
+    if stuck.size:
+        raise InvalidValue(
+            f"(A, b) must be stabilisable, got the eigenvalue {stuck[0]:.6g} that b does not reach; "
+            "leave that state out or add an input"
+        )
+
+
 def symmetric_weight(name: str, value: ArrayLike, size: int) -> Array:
     """`value` as a symmetric positive semidefinite matrix, shape (size, size), or InvalidValue."""
     weight = checked(name, value, (size, size))
@@ -72,12 +82,7 @@ def lqr(A: ArrayLike, b: ArrayLike, Q: ArrayLike, R: float) -> Regulator:
     Q = symmetric_weight("Q", Q, len(A))
     if not (np.isfinite(R) and R > 0):
         raise InvalidValue(f"R must be positive, got {R}")
-    stuck = unstabilizable(A, b)
-    if stuck.size:
-        raise InvalidValue(
-            f"(A, b) must be stabilisable, got the eigenvalue {stuck[0]:.6g} that b does not reach; "
-            "leave that state out or add an input"
-        )
+    require_stabilizable(A, b)
     try:
         P = np.asarray(solve_discrete_are(A, b[:, None], Q, np.array([[R]])), dtype=np.float64)
     except np.linalg.LinAlgError as failure:

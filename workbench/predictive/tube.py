@@ -50,7 +50,7 @@ class Tube:
         If K is not stabilising, P violates (19), or the disturbance is so large that a set is empty: it says which
         bound and by how much.
 
-    Source: Liu et al. 2022, doi 10.16383/j.aas.c200039, (14)-(20), (25)-(27). Deviations: powers A_cl^j inside the
+    Source: doi 10.16383/j.aas.c200039, (14)-(20), (25)-(27). Deviations: powers A_cl^j inside the
     sums (printed A_cl^i), the sum to i-1 (printed i), terminal index M+N (printed N), a robust invariant Sigma (Z in
     Sigma in Sigma_0 is not enough), and the delay, which the paper leaves out of its sets.
     """

@@ -34,7 +34,7 @@ def require_schur(A: ArrayLike, *, name: str = "A") -> Array:
 def reachable(A: ArrayLike, W: Zonotope, steps: int) -> tuple[Zonotope, ...]:
     """The sets F_0 = {0}, F_i = W + A W + ... + A^(i-1) W for i up to `steps`, exactly.
 
-    Source: Liu et al. 2022, doi 10.16383/j.aas.c200039, the sets below (14), whose printed upper index is one too high.
+    Source: doi 10.16383/j.aas.c200039, the sets below (14), whose printed upper index is one too high.
     """
     A = checked("A", A, (W.dimension, W.dimension))
     if steps < 0:

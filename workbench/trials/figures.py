@@ -38,13 +38,21 @@ def axis_label(variable: xr.DataArray) -> str:
 
 
 def pretty(unit: str) -> str:
-    """Return a unit as it is typeset: (km/h)^2 with a raised two."""
+    """Return a unit as it is typeset: (m/s)^2 with a raised two."""
     return unit.replace("^2", "²").replace("^3", "³")
 
 
 def ran(data: xr.Dataset) -> list[str]:
     """Return the controllers that have at least one trial."""
     return [str(c) for c in data["controller"].values if data["mse"].sel(controller=c).notnull().any()]
+
+
+def by_trial(axes: Any, data: xr.Dataset, values: Callable[[str], Any]) -> None:
+    """Draw ``values(controller)``, one a trial, of every controller: on a log scale, with a mark at every trial."""
+    for index, name in enumerate(ran(data)):
+        axes.semilogy(
+            data["trial"], values(name), **styled(index), marker=MARKERS[index % len(MARKERS)], markersize=4, label=name
+        )
 
 
 def trial_figures(study: Any, data: xr.Dataset) -> Mapping[str, Callable[[], Any]]:

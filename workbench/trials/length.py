@@ -1,4 +1,4 @@
-"""How long a trial lasts: Assumption 3 of Jiao & Hou (2025), from an explicit random generator."""
+"""How long a trial lasts (assumption A3 of varying trial lengths), from an explicit random generator."""
 
 from __future__ import annotations
 

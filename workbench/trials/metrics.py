@@ -7,16 +7,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from workbench.contracts.number import finite
 from workbench.contracts.study import Scores
 
 
-def finite(value: Any) -> float | None:
-    """Return a finite float, or None for what does not exist or is not finite."""
-    number = float(value)
-    return number if np.isfinite(number) else None
-
-
-def _peak(values: Any) -> float | None:
+def peak(values: Any) -> float | None:
     """Return the largest magnitude of what is not missing."""
     magnitudes = np.abs(values[~np.isnan(values)])
     return finite(magnitudes.max()) if magnitudes.size else None
@@ -26,6 +21,12 @@ def applied_inputs(data: xr.Dataset, controller: str) -> Any:
     """Return the inputs that were applied, shape (trial, sample): the plan beyond a trial's end is NaN."""
     inputs = data["input"].sel(controller=controller).values
     return np.where(data["sample"].values[None, :] < data["trial_length"].values[:, None], inputs, np.nan)
+
+
+def acting_inputs(data: xr.Dataset) -> Any:
+    """Return the first input as it acts behind the actuator, or the command where the plant has none; same shape."""
+    acting = [name for name in data if str(name).startswith("applied_")]
+    return data[acting[0] if acting else "input"].values
 
 
 def trial_scores(study: Any, data: xr.Dataset) -> Scores:
@@ -49,20 +50,8 @@ def trial_scores(study: Any, data: xr.Dataset) -> Scores:
             "mse_last": finite(mse[-1]),
             "mse_always_reached_last": finite(np.mean(always**2)),
             "mse_max": None if diverged or np.isnan(mse).any() else finite(mse.max()),
-            "max_abs_error_last": _peak(error[-1]),
+            "max_abs_error_last": peak(error[-1]),
             "diverged_at_trial": diverged,
         }
         scores[str(controller)] = metrics
     return scores
-
-
-def train_scores(study: Any, data: xr.Dataset) -> Scores:
-    """Return max_abs_input_n (N) and max_abs_accel_mps2 (m/s^2) over all trials, applied samples only."""
-    per_second = study.plant.speed_factor * study.plant.sampling_time
-    return {
-        str(controller): {
-            "max_abs_input_n": _peak(applied_inputs(data, controller)),
-            "max_abs_accel_mps2": _peak(np.diff(data["output"].sel(controller=controller).values) / per_second),
-        }
-        for controller in data["controller"].values
-    }

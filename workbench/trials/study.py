@@ -16,10 +16,10 @@ from models.plant import Plant, Signal
 from models.quantity import InvalidValue, count, declared, given, part, quantity
 from models.reference import Given
 from workbench.contracts.law import Choosy, Controller, Telling
-from workbench.contracts.study import Progress, Scores
+from workbench.contracts.study import Measures, Progress, Scores
 from workbench.fold.fold import Fold, TrialInput, TrialRecord, build, stream
 from workbench.fold.machine_code import all_compiled, compiled
-from workbench.trials.drawn import AtRest, SpeedNoise, Undisturbed
+from workbench.trials.drawn import AtRest, Disturbance, Initial, Noise, SpeedNoise, Undisturbed
 from workbench.trials.length import TrialLength
 from workbench.trials.metrics import trial_scores
 
@@ -55,9 +55,9 @@ class TrialStudy:
     controllers: Mapping[str, Any] = part(doc="the controllers by name")
     trials: int = count(default=150, doc="number of trials, the first included", least=1, most=100_000)
     trial_length: TrialLength = part(default=TrialLength(law="fixed"), doc="how long trials last")
-    noise: Any = part(default=SpeedNoise(), doc="measurement noise")
-    disturbance: Any = part(default=Undisturbed(), doc="what disturbs the plant")
-    initial: Any = part(default=AtRest(), doc="where trials begin")
+    noise: Noise = part(default=SpeedNoise(), doc="measurement noise")
+    disturbance: Disturbance = part(default=Undisturbed(), doc="what disturbs the plant")
+    initial: Initial = part(default=AtRest(), doc="where trials begin")
     seed: int = count(default=0, doc="seed of everything random", most=2**53)
     divergence_factor: float = quantity(
         default=1000.0,
@@ -69,6 +69,7 @@ class TrialStudy:
     continues: bool = given(default=False, doc="whether a trial begins in the state that the last one ended in")
     sweeps: tuple[Sweep, ...] = given(default=(), doc="fields varied besides")
     scorers: tuple[Callable[[Any, xr.Dataset], Scores], ...] = given(default=(), doc="metrics beyond the common ones")
+    compared: tuple[Measures, ...] = given(default=(), doc="what a comparison of laws on this plant measures besides")
     watch: Callable[[], Callable[[TrialRecord, Any], str | None]] | None = given(
         default=None, doc="makes a further watch: given a trial and the reference, why the law has diverged, or None"
     )

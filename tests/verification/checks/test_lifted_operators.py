@@ -17,7 +17,7 @@ from models.line import LINES
 from models.metro_line import MetroLine
 from models.plant import Plant
 from models.point_mass import PointMass
-from models.reference import StationRun
+from models.station_runs import StationRun
 from models.transfer import Transfer
 from verification.checks import convergence
 from verification.checks.row_sums import off_diagonal, slope_bounds

@@ -14,7 +14,7 @@ from verification.enclosure import outward
 from verification.enclosure.bounds import bound, prove_bounds, prove_positive
 from verification.enclosure.box import Box
 from verification.enclosure.interval import enclose, evaluate
-from verification.enclosure.rewriting import graph_of
+from verification.enclosure.rewriting import rewritten as graph_of
 from verification.enclosure.slopes import gradient
 from verification.enclosure.smoothness import continuous_on, nonsmooth_operations, reaches, smooth_on
 
@@ -259,7 +259,7 @@ def test_an_mx_function_is_expanded_or_says_why_not():
     assert enclose(smooth, Box({"m": (-1, 2)})).upper["f"][0, 0] == 4
     solver = ca.rootfinder("solver", "newton", {"x": v, "p": x, "g": v**3 - x})
     called = ca.Function("called", [m], [solver(x0=1, p=m)["x"]], ["m"], ["f"])
-    assert "the operation call is not supported" in enclose(called, Box({"m": (1, 2)})).undecided
+    assert "calls a Function that is no graph: solver" in enclose(called, Box({"m": (1, 2)})).undecided
     implicit = ca.Function("implicit", [m], [ca.find(m)], ["m"], ["f"])
     box = Box({"m": (1, 2)})
     sentence = "implicit has no form of scalar instructions"
@@ -583,6 +583,8 @@ REACHES = [
     ("tan", ca.tan(x), (0, 2), (0, 0), "yes", "pole"),
     ("free power", x**y, (0.5, 1), (0, 1), "no", "pole"),
     ("negative power", (x - 0.3) ** -2.5, (0.5, 1), (0, 1), "no", "pole"),
+    ("truth of numbers", ca.logic_and(x, y), (0.5, 1), (-1, 1), "yes", "jump"),
+    ("truth of numbers kept", ca.logic_or(x, y), (0.5, 1), (0.5, 1), "no", "jump"),
 ]  # fmt: skip
 
 

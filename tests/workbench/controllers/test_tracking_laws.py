@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import casadi as ca
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
 from models.actuator import Actuator
+from models.maglev import Maglev
+from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
 from models.quantity import InvalidValue
-from models.reference import MetroProfile
 from models.transfer import Transfer
 from workbench.contracts.law import Task
 from workbench.controllers.odometry import Odometry
 from workbench.controllers.palc import PALC
+from workbench.controllers.palc_filtered import FilteredPALC
 from workbench.controllers.pid import PID
+from workbench.controllers.shuttle_pid import ShuttlePID
 from workbench.controllers.tracking_mpc import Acting, TrackingMPC
 from workbench.controllers.variable_gain import VariableGain
 from workbench.design.candidates import candidates
@@ -142,5 +147,15 @@ def test_odometry_refuses_what_it_cannot_serve():
     study = TrialStudy(plant=Transfer(), reference=np.ones(9), controllers={"pid": PID()}, trials=1)
     assert "needs a plant that measures a speed" in Odometry(law=PALC()).refusal(study)
     train = TrialStudy(plant=PointMass(), reference=MetroProfile(), controllers={"pid": PID()}, trials=1)
-    assert "needs a model" in Odometry(law=PALC(model=None)).refusal(train)
-    assert Odometry(law=PALC()).refusal(train) is None
+    assert "needs a model" in Odometry(law=PALC()).refusal(train)
+    assert Odometry(law=PALC(model=Maglev())).refusal(train) is None
+
+
+@pytest.mark.parametrize("law", [PALC(), FilteredPALC(), ShuttlePID()], ids=lambda law: type(law).__name__)
+def test_a_law_without_a_model_says_so(law):
+    study = TrialStudy(plant=Maglev(), reference=np.ones((2, 300)), controllers={"law": law}, trials=1)
+    said = f"{type(law).__name__} needs a model: the mass and running resistance of what it moves"
+    assert law.refusal(study) == said and study.refusals() == {"law": said}
+    with pytest.raises(InvalidValue, match=said):
+        study.fold("law")
+    assert dataclasses.replace(law, model=Maglev()).refusal(study) is None

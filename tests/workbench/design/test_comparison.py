@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
 from models.quantity import InvalidValue
-from models.reference import MetroProfile
+from studies.rail.scores import RIDE
 from workbench.cli import app
 from workbench.contracts import settings
+from workbench.contracts.study import Measures
 from workbench.controllers.cfdl import CFDL
 from workbench.controllers.pid import PID
 from workbench.design.candidates import MAKERS, Candidate, candidates, scale_of
@@ -32,6 +34,7 @@ SMALL = TrialStudy(
     reference=MetroProfile(horizon=120),
     controllers={"cfdl": CFDL()},
     trials=3,
+    compared=(RIDE,),
 )
 QUICK = ["trials=4", "budget=5"]
 
@@ -46,6 +49,36 @@ def test_every_law_is_in_the_table():
     assert [row[0] for row in rows[1:]] == list(MAKERS)
     assert len({len(row) for row in rows}) == 1
     assert all(row[-1] == "" for row in rows[1:])
+
+
+def largest(study, data):
+    return {
+        str(name): {"largest": float(data["output"].sel(controller=name).max())} for name in data["controller"].values
+    }
+
+
+OWN = Measures({"largest": "largest output (V)", "missing": "missing (1)"}, largest)
+
+
+@pytest.mark.parametrize(
+    ("compared", "columns", "metrics"),
+    [
+        ((), [], []),
+        ((RIDE,), ["jerk (m/s^3)", "energy (kWh)", "force peak (N)"], ["max_jerk", "energy_kwh", "force_peak"]),
+        ((OWN,), ["largest output (V)", "missing (1)"], ["largest"]),
+    ],
+    ids=["nothing", "a ride", "a user's own"],
+)
+def test_only_what_a_study_declares_is_measured_beyond_the_common_metrics(compared, columns, metrics):
+    study = dataclasses.replace(SMALL, compared=compared)
+    done = compare(study, ["pid"], ["trials=1", "budget=1"], show_progress=False)
+    rows, scores = table(done), done.scores()["pid"]
+    common = ["law", "MSE, mean over trials", "final MSE", "trials needed"]
+    assert list(rows[0]) == [*common, *columns, "solves", "note"]
+    assert list(scores) == ["mse", "mse_last", "trials_needed", *metrics, "solves", "evaluations"]
+    assert list(rows[1][4 : 4 + len(metrics)]) == [f"{scores[metric]:.6g}" for metric in metrics]
+    if compared == (OWN,):
+        assert scores["largest"] == float(done.data["output"].values.max()) and rows[1][5] == "-"
 
 
 def test_the_table_regenerates_bit_for_bit(tmp_path):
@@ -197,7 +230,7 @@ def test_the_command_compares(tmp_path):
     study = tmp_path / "mine.py"
     study.write_text(
         "from models.point_mass import PointMass\n"
-        "from models.reference import MetroProfile\n"
+        "from models.metro_profile import MetroProfile\n"
         "from workbench.controllers.cfdl import CFDL\n"
         "from workbench.trials.study import TrialStudy\n"
         "study = TrialStudy(plant=PointMass(), reference=MetroProfile(horizon=120), controllers={'cfdl': CFDL()})\n"

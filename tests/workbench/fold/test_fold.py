@@ -9,9 +9,9 @@ import control
 import numpy as np
 import pytest
 
+from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
 from models.quantity import InvalidValue
-from models.reference import MetroProfile
 from workbench.controllers import CFDL, ICFDL, PD
 from workbench.fold.fold import TrialInput, build, stream
 from workbench.fold.machine_code import compiled, compiler

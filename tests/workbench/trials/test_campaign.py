@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
 from models.quantity import InvalidValue
-from models.reference import MetroProfile
 from studies.metro.study import STUDY
 from workbench.contracts import settings
 from workbench.controllers import ICFDL, PD

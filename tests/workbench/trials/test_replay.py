@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
-from models.reference import MetroProfile
 from workbench.controllers import CFDL, ICFDL, PD
 from workbench.trials.campaign import run
 from workbench.trials.length import TrialLength

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
 from models.quantity import InvalidValue
-from models.reference import MetroProfile
 from workbench.controllers import PD
 from workbench.trials.length import TrialLength
 from workbench.trials.study import TrialStudy

@@ -149,10 +149,3 @@ class Rules:
             one = reduce(ca.logic_or, reaching) if reaching else 0.0
             total, weighted = total + one, weighted + z * one
         return weighted / total
-
-    def centroid(self, **values: Any) -> Any:
-        """Return the centre of area of the inferred set, given every input by name (0 where nothing fires)."""
-        degrees = self.aggregated(values)
-        area = sum(degrees)
-        moment = sum(z * degree for z, degree in zip(self.axis, degrees, strict=True))
-        return ca.if_else(area > 0, moment / ca.if_else(area > 0, area, 1), 0)

@@ -1,4 +1,4 @@
-"""What the laws of the maglev shuttle share: errors, and the force without any learning or integral."""
+"""What the laws of a shuttle share: errors, and the force without any learning or integral."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from models.maglev import Maglev
+from workbench.controllers.parts.nominal_model import NominalModel
 
 
 class Errors(NamedTuple):
@@ -23,7 +23,7 @@ def errors(r: Any, y: Any, lam: Any) -> Errors:
     return Errors(e_x, e_v, e_v + lam * e_x)  # (10)
 
 
-def base_force(model: Maglev, e: Errors, acceleration: Any, v: Any, alpha: Any, lam: Any) -> Any:
+def base_force(model: NominalModel, e: Errors, acceleration: Any, v: Any, alpha: Any, lam: Any) -> Any:
     """Return M dv_d/dt + D(v) - M [(alpha + lam) e_v + alpha lam e_x] in N: feed-forward, compensation and PD."""
     feedback = (alpha + lam) * e.v + alpha * lam * e.x
     return model.mass * (acceleration - feedback) + model.running_resistance(v)  # (12) without the learned part

@@ -1,34 +1,11 @@
-"""Is a law's map continuous? Proved from its operations, refuted by a jump that does not shrink."""
+"""Where a map jumps: found by halving until a difference is left that does not shrink."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
-
-CONTINUOUS = (
-    ca.OP_INPUT,
-    ca.OP_OUTPUT,
-    ca.OP_CONST,
-    ca.OP_ASSIGN,
-    ca.OP_ADD,
-    ca.OP_SUB,
-    ca.OP_MUL,
-    ca.OP_NEG,
-    ca.OP_TWICE,
-    ca.OP_SQ,
-    ca.OP_TANH,
-    ca.OP_EXP,
-    ca.OP_SIN,
-    ca.OP_COS,
-    ca.OP_ATAN,
-    ca.OP_FMIN,
-    ca.OP_FMAX,
-    ca.OP_FABS,
-)
-"""Operations that are continuous wherever they are defined, which is everywhere."""
 
 
 class Jump(NamedTuple):
@@ -37,11 +14,6 @@ class Jump(NamedTuple):
     before: tuple[float, ...]
     after: tuple[float, ...]
     size: float
-
-
-def continuous_by_composition(function: ca.Function) -> bool:
-    """Tell whether an SX Function is made of operations that are continuous everywhere, and so is continuous."""
-    return all(function.instruction_id(index) in CONTINUOUS for index in range(function.n_instructions()))
 
 
 def find_jump(

@@ -1,0 +1,1 @@
+"""The vocabulary of trains: what several studies measure of a ride."""
