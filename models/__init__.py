@@ -1,6 +1,8 @@
 """Plants as symbolic equations, with units."""
 
+import sys
 from importlib import import_module
+from types import ModuleType
 
 _HOME = {
     "InvalidValue": "models.errors",
@@ -28,3 +30,15 @@ def __getattr__(name: str) -> object:
 def __dir__() -> list[str]:
     """Return the names that may be asked for."""
     return sorted({*globals(), *__all__})
+
+
+class _FrontDoor(ModuleType):
+    """A package whose names stay what they are when a child module of the same name is imported."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Take everything but a child module under a name of the front door: ``quantity`` is the function."""
+        if not (name in _HOME and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _FrontDoor
