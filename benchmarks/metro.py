@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tempfile
 from collections.abc import Iterator
 from functools import partial
@@ -17,6 +18,7 @@ from studies.metro.study import STUDY
 from workbench.controllers import ICFDL
 from workbench.fold.fold import TrialInput, build, stream
 from workbench.fold.machine_code import compiled
+from workbench.trials.campaign import run
 
 RUN = (
     "from studies.metro.study import STUDY; from workbench.contracts import settings; "
@@ -26,6 +28,7 @@ RUN = (
 
 def rows() -> Iterator[tuple[str, str, str]]:
     yield from against_loops()
+    yield from whole_run()
     yield from growth()
     yield from memory()
     yield from starts()
@@ -60,6 +63,21 @@ def against_loops() -> Iterator[tuple[str, str, str]]:
     yield "speed-up over the plain Python/NumPy loop", f"{least['python'] / few / each:.0f} x", ">= 100 x"
     yield "speed-up over CasADi's virtual machine", f"{least['machine'] / 10 / each:.1f} x", ""
     yield "speed-up over python-control, one trial without learning", f"{least['control'] / each:.0f} x", ""
+
+
+def whole_run() -> Iterator[tuple[str, str, str]]:
+    """Give what a run of one law takes over its trials alone, which it streams through the same machine code."""
+    study = dataclasses.replace(STUDY, controllers={"icfdl": STUDY.controllers["icfdl"]}, sweeps=())
+    fold, inputs, r = study.fold("icfdl"), study.inputs(), study.reference_samples
+    machine = compiled(fold.trial)
+
+    def trials() -> None:
+        for _ in stream(fold, r, inputs, trial=machine):
+            pass
+
+    least = least_times({"run": partial(run, study, show_progress=False), "trials": trials}, 40)
+    yield "time of run() of one law", f"{1e3 * least['run']:.0f} ms", ""
+    yield "time of run() over that of its trials alone", f"{least['run'] / least['trials']:.2f} x", "<= 2.5 x"
 
 
 def _streamed(fold, r, inputs, machine):
@@ -111,4 +129,6 @@ def starts() -> Iterator[tuple[str, str, str]]:
     yield "workbench run metro, figures included, built before", f"{warm:.1f} s", "a few seconds"
     for package in ("casadi", "models.point_mass", "workbench", "verification"):
         seconds = min(in_a_new_process(f"import {package}")[0] for _ in range(3))
-        yield f"import {package}", f"{seconds:.2f} s", "" if package == "casadi" else "< 0.5 s"
+        yield f"import {package}", f"{seconds:.2f} s", "" if package in ("casadi", "models.point_mass") else "< 0.1 s"
+    for command in ("--help", "list"):
+        yield f"workbench {command}", f"{min(command_time(command) for _ in range(5)):.2f} s", "< 0.3 s"

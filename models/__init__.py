@@ -1,7 +1,44 @@
 """Plants as symbolic equations, with units."""
 
-from models.plant import Plant, Signal, signals
-from models.point_mass import PointMass
-from models.quantity import InvalidValue, choice, count, declared, part, quantity
+import sys
+from importlib import import_module
+from types import ModuleType
 
+_HOME = {
+    "InvalidValue": "models.errors",
+    "Plant": "models.plant",
+    "PointMass": "models.point_mass",
+    "Signal": "models.plant",
+    "choice": "models.quantity",
+    "count": "models.quantity",
+    "declared": "models.quantity",
+    "part": "models.quantity",
+    "quantity": "models.quantity",
+    "signals": "models.plant",
+}
 __all__ = ["InvalidValue", "Plant", "PointMass", "Signal", "choice", "count", "declared", "part", "quantity", "signals"]
+
+
+def __getattr__(name: str) -> object:
+    """Import a name from where it lives when it is first asked for."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(_HOME[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the names that may be asked for."""
+    return sorted({*globals(), *__all__})
+
+
+class _FrontDoor(ModuleType):
+    """A package whose names stay what they are when a child module of the same name is imported."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Take everything but a child module under a name of the front door: ``quantity`` is the function."""
+        if not (name in _HOME and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _FrontDoor

@@ -16,12 +16,10 @@ from typing import Any, Literal, NamedTuple, TypeVar, dataclass_transform
 
 import casadi as ca
 
+from models.errors import InvalidValue as InvalidValue
+
 T = TypeVar("T")
 Symbolic = (ca.SX, ca.MX, ca.DM)
-
-
-class InvalidValue(ValueError):
-    """What was expected, what came and what to do, in one line meant for the user."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

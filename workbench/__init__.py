@@ -6,6 +6,7 @@ _HOME = {
     "Campaign": "workbench.trials.campaign",
     "TrialLength": "workbench.trials.length",
     "TrialStudy": "workbench.trials.study",
+    "__version__": "workbench.distribution",
     "load": "workbench.trials.campaign",
     "run": "workbench.trials.campaign",
 }

@@ -1,3 +1,4 @@
+from workbench.distribution import __version__ as __version__
 from workbench.trials.campaign import Campaign as Campaign
 from workbench.trials.campaign import load as load
 from workbench.trials.campaign import run as run

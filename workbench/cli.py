@@ -10,14 +10,13 @@ from typing import Annotated, Any
 
 import typer
 
-from models.quantity import InvalidValue
+from models.errors import InvalidValue
 
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    help="Design and verify learning controllers on symbolic plants.",
 )
 
 Name = Annotated[str, typer.Argument(metavar="STUDY", help="a built-in study, or a .py file that declares one")]
@@ -29,6 +28,23 @@ Out = Annotated[Path | None, typer.Option(metavar="DIR", help="output folder (de
 Full = Annotated[bool, typer.Option("--full", help="add the long sweeps")]
 Strict = Annotated[bool, typer.Option("--strict", help="exit with 3 if any claim is REFUTED")]
 Json = Annotated[bool, typer.Option("--json", help="print scores.json instead of a table")]
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        from workbench.distribution import __version__
+
+        print(f"workbench {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="print the version")
+    ] = False,
+) -> None:
+    """Design and verify learning controllers on symbolic plants."""
 
 
 def _study(name: str, assignments: list[str] | None, seed: int | None) -> Any:
@@ -44,8 +60,8 @@ def list_studies() -> None:
     """Name the built-in studies."""
     from workbench.trials import find as studies
 
-    for name in studies.names():
-        print(f"{name:16}{studies.title(name)}")
+    for name, title in studies.titles().items():
+        print(f"{name:16}{title}")
 
 
 @app.command()

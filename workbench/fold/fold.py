@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -16,14 +17,15 @@ import numpy as np
 
 from models.plant import Plant
 from models.quantity import InvalidValue, symbolised
-from workbench.contracts.law import Estimating, Learning, Placing, Stateful, Task, Telling, Trial
-from workbench.fold.sample import Sample, like, one_sample, without_time
+from workbench.contracts.law import Estimating, Learning, Telling, Trial
+from workbench.fold.equations import MEMORY, Equations, equations
+from workbench.fold.sample import Sample, like, without_time
 from workbench.fold.tightened import SAMPLES
 
-MEMORY = "memory_"
 TIMETABLE = f"{MEMORY}timetable"
 ROWS = ("u", "x", "y", "estimate", "applied", "told")
 TOGETHER = 2**16  # numbers of trials' records that lie together: few, so that they come from memory used before
+KEPT = 32  # folds whose Functions a process keeps
 UNROLLED = 20  # samples folded into one function; larger saves calls, and costs compile time
 
 
@@ -126,28 +128,21 @@ def build(plant: Plant, law: Any, samples: int) -> Fold:
 
     Raises InvalidValue where step, output, act or learn give values of the wrong shape.
     """
-    ny, nu, nx, nw = (len(named) for named in (plant.outputs, plant.inputs, plant.states, plant.disturbances))
-    plant_sx, law_sx = symbolised(plant), symbolised(law)
-    names = [f"plant.{name}" for name in plant_sx.names] + [f"law.{name}" for name in law_sx.names]
-    p = ca.MX.sym("p", len(names))
-    pieces = iter(ca.vertsplit(p)[len(plant_sx.names) :] if names else [])
-    law_mx = symbolised(law, lambda name: next(pieces)).thing
+    asked = equations(plant, law, samples)
+    start, trial = _functions(asked)
+    return Fold(
+        plant, law, samples, tuple(asked.symbols), symbolised(plant).values + symbolised(law).values, start, trial
+    )
 
-    r = ca.MX.sym("r", ny, samples + 1)
-    sampling_time = ca.MX.sym("sampling_time")
-    begun = law_mx.start(Task(r, sampling_time))
-    fields = [MEMORY + name for name in getattr(begun, "_fields", ())]
-    first = [ca.densify(ca.MX(value)) for value in begun]
-    kept = [ca.MX.sym(name, *value.shape) for name, value in zip(fields, first, strict=True)]
-    memory = like(begun, kept)
-    given = {
-        "x0": ca.MX.sym("x0", nx),
-        "length": ca.MX.sym("length"),
-        "r": r,
-        "w": ca.MX.sym("w", nw, samples),
-        "noise": ca.MX.sym("noise", ny, samples + 1),
-        "p": p,
-    }
+
+@lru_cache(maxsize=KEPT)
+def _functions(asked: Equations) -> tuple[ca.Function, ca.Function]:
+    """Return a fold's Functions ``start`` and ``trial``, made once for equations that compute the same."""
+    plant, law, samples, given, memory = asked.plant, asked.law, asked.samples, asked.given, asked.memory
+    ny, nu = len(plant.outputs), len(plant.inputs)
+    first, fields, kept, symbols = list(asked.first), list(asked.kept), list(asked.kept.values()), asked.symbols
+    r, p, sampling_time = given["r"], given["p"], given["sampling_time"]
+    handed = {name: value for name, value in given.items() if name != "sampling_time"}
     reached = ca.DM(range(samples + 1)).T <= given["length"]
     rows = {
         "r": r[:, :-1],
@@ -157,20 +152,16 @@ def build(plant: Plant, law: Any, samples: int) -> Fold:
         "k": ca.DM(range(samples)).T,
         "reached_next": reached[1:],
     }
-    begin = law_mx.place(memory, given["x0"]) if isinstance(law, Placing) else given["x0"]
-    ready = law_mx.ready(memory) if isinstance(law, Stateful) else ()
-    sample = one_sample(plant_sx.thing, law_sx.thing, memory, ready, samples)
-    symbols = dict(zip(names, [*plant_sx.symbols, *law_sx.symbols], strict=True))
-    sample, table = without_time(sample, symbols, p, samples)
+    sample, table = without_time(asked.sample, symbols, p, samples)
     timed = {}
     if table is not None:
         timed[TIMETABLE] = rows["timed"] = ca.MX.sym(TIMETABLE, *table.shape)
         first.append(table)
     start = ca.Function("start", [r, sampling_time, p], first, ["r", "sampling_time", "p"], [*fields, *timed])
-    folded = _folded(sample, symbols, begin, memory, ready, rows, p, samples)
+    folded = _folded(sample, symbols, asked.begin, memory, asked.ready, rows, p, samples)
 
-    x = ca.horzcat(begin, folded.x)
-    last = _with_parameters(plant_sx.thing.measured(sample.x), sample.x, symbols)(folded.x[:, -1], p)
+    x = ca.horzcat(asked.begin, folded.x)
+    last = _with_parameters(plant.measured(sample.x), sample.x, symbols)(folded.x[:, -1], p)
     y = ca.if_else(ca.repmat(reached, ny, 1), ca.horzcat(folded.y, last), ca.DM.nan(ny, samples + 1))
     u = folded.u
     if sample.feeds_back:
@@ -178,8 +169,8 @@ def build(plant: Plant, law: Any, samples: int) -> Fold:
     squared = ca.if_else(ca.repmat(reached[1:], ny, 1), (r - y)[:, 1:] ** 2, 0)
     seen = y + given["noise"]
     left = Trial(r, seen, r - seen, u, reached, folded.state)
-    learned = law_mx.learn(memory, left) if isinstance(law, Learning) else memory
-    told = ca.vertcat(*law_mx.tell(memory, left)) if isinstance(law, Telling) else ca.MX(0, samples)
+    learned = law.learn(memory, left) if isinstance(law, Learning) else memory
+    told = ca.vertcat(*law.tell(memory, left)) if isinstance(law, Telling) else ca.MX(0, samples)
     _same_shapes(law, fields, kept, learned)
     results = {
         **{f"{name}_next": ca.densify(value) for name, value in zip(fields, learned, strict=True)},
@@ -188,19 +179,19 @@ def build(plant: Plant, law: Any, samples: int) -> Fold:
         "u": ca.densify(u),
         "x": ca.densify(x),
         "y": ca.densify(y),
-        "estimate": ca.densify(law_mx.ppd_estimate(memory) if isinstance(law, Estimating) else ca.MX(1, 0)),
+        "estimate": ca.densify(law.ppd_estimate(memory) if isinstance(law, Estimating) else ca.MX(1, 0)),
         "mse": ca.sum1(ca.sum2(squared)) / given["length"],
         "applied": ca.densify(folded.applied),
         "told": ca.densify(told),
     }
     trial = ca.Function(
         f"trial_{plant.name}_{type(law).__name__.lower()}",
-        [*kept, *timed.values(), *given.values()],
+        [*kept, *timed.values(), *handed.values()],
         list(results.values()),
-        [*fields, *timed, *given],
+        [*fields, *timed, *handed],
         list(results),
     )
-    return Fold(plant, law, samples, tuple(names), plant_sx.values + law_sx.values, start, trial)
+    return start, trial
 
 
 class _Folded(NamedTuple):

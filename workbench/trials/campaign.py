@@ -9,7 +9,6 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +17,8 @@ import xarray as xr
 from models.quantity import InvalidValue
 from workbench.contracts import settings
 from workbench.contracts.study import Progress, Scores, Study
+from workbench.distribution import __version__
 from workbench.trials import progress
-
-DISTRIBUTION = "learning-control-workbench"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +73,7 @@ def run(study: Study, *, show_progress: bool = True) -> Campaign:
     data = study.simulate(shown)
     data.attrs = {
         "study": study.name,
-        "version": version(DISTRIBUTION),
+        "version": __version__,
         "settings": json.dumps(settings.as_json(study), allow_nan=False),
     }
     return Campaign(study, data)

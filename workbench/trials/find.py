@@ -7,12 +7,12 @@ import difflib
 import importlib.util
 import sys
 import traceback
+from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
-from models.quantity import InvalidValue
-from workbench.contracts.study import Study
+from models.errors import InvalidValue
 
 GROUP = "workbench.studies"
 """The entry points that name studies: ``name = "package.module:STUDY"``."""
@@ -23,9 +23,15 @@ def names() -> tuple[str, ...]:
     return tuple(sorted(entry_points(group=GROUP).names))
 
 
-def title(name: str) -> str:
-    """Return what an installed study is, in one line, without importing it: its module's docstring begins with it."""
-    spec = importlib.util.find_spec(_entry(name).module)
+def titles() -> Mapping[str, str]:
+    """Return what every installed study is, in one line, by name in alphabetical order, without importing any."""
+    found = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
+    return {entry.name: _first_line(entry.module) for entry in found}
+
+
+def _first_line(module: str) -> str:
+    """Return the first line of a module's docstring, read from its source, without its full stop."""
+    spec = importlib.util.find_spec(module)
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
         return ""
     document = ast.get_docstring(ast.parse(Path(spec.origin).read_text(encoding="utf-8"))) or ""
@@ -71,6 +77,8 @@ def _from_file(file: Path) -> Any:
         at = f"{file}, line {lines[-1]}," if lines else file
         message = (str(error).strip() or "no message").splitlines()[0]
         raise InvalidValue(f"{at} failed: {type(error).__name__}: {message}") from error
+    from workbench.contracts.study import Study  # a name, a title and an error need no Dataset
+
     found = getattr(module, "study", None)
     if not isinstance(found, Study):
         raise InvalidValue(f"{file} must declare a variable named study, as in: study = TrialStudy(...)")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from models.reference import Given
 from workbench.contracts.law import Choosy, Controller, Telling
 from workbench.contracts.study import Measures, Progress, Scores
 from workbench.fold.fold import Fold, TrialInput, TrialRecord, build, stream
-from workbench.fold.machine_code import compiled
+from workbench.fold.machine_code import all_compiled, compiled
 from workbench.trials.drawn import AtRest, Disturbance, Initial, Noise, SpeedNoise, Undisturbed
 from workbench.trials.length import TrialLength
 from workbench.trials.metrics import trial_scores
@@ -101,11 +102,12 @@ class TrialStudy:
             if isinstance(law, type) or not isinstance(law, Controller):
                 raise InvalidValue(f"controllers.{name} must have source, start and act, got {type(law).__name__}")
 
-    @property
+    @cached_property
     def reference_samples(self) -> Any:
-        """The reference, shape (outputs, N + 1)."""
-        samples = np.atleast_2d(np.asarray(self.reference.samples(self.plant), dtype=float))
-        return Given(values=samples).samples(self.plant)
+        """The reference, shape (outputs, N + 1): computed once, and nobody may write into it."""
+        samples = Given(values=np.array(self.reference.samples(self.plant), dtype=float)).samples(self.plant)
+        samples.flags.writeable = False
+        return samples
 
     @property
     def horizon(self) -> int:
@@ -151,9 +153,8 @@ class TrialStudy:
         if len(refused) == len(self.controllers):
             raise InvalidValue("no controller suits this study: " + "; ".join(refused.values()))
         suited = [name for name in self.controllers if name not in refused]
-        with ThreadPoolExecutor() as pool:
-            folds = dict(zip(suited, [self.fold(name) for name in suited], strict=True))
-            machine = dict(zip(suited, pool.map(lambda name: compiled(folds[name].trial), suited), strict=True))
+        folds = {name: self.fold(name) for name in suited}
+        machine = dict(zip(suited, all_compiled([folds[name].trial for name in suited]), strict=True))
         inputs = self.inputs()
         sweeps = [(sweep, name, value) for sweep in self.sweeps for name in sweep.controllers for value in sweep.values]
         record = _Record(self, inputs)
@@ -185,23 +186,26 @@ class TrialStudy:
     def _run(self, fold: Fold, machine: Any, inputs: Any, advance: Any, values: Any = None) -> Any:
         """Yield every trial's record with the reason why the law has diverged in it, or None, and stop there."""
         r, watch = self.reference_samples, self.watch() if self.watch else None
+        largest = float(np.abs(r).max())
         for done, left in enumerate(
             stream(fold, r, inputs, trial=machine, values=values, carry_state=self.continues), 1
         ):
-            reason = self._diverged(left.mse) or (watch(left, r) if watch else None)
+            reason = self._diverged(left.mse, largest) or (watch(left, r) if watch else None)
             yield left, reason
             if reason:
                 advance(self.trials - done + 1)
                 return
             advance(1)
 
-    def _diverged(self, mse: float) -> str | None:
-        """Return why a trial with this mean square error counts as diverged, or None."""
-        if not np.isfinite(mse):
+    def _diverged(self, mse: float, largest: float) -> str | None:
+        """Return why a trial with this mean square error counts as diverged, or None; ``largest``: reference."""
+        if not math.isfinite(mse):
             return "the error is no longer finite"
-        limit = self.divergence_factor * float(np.abs(self.reference_samples).max())
-        if np.sqrt(mse) > limit:
-            return f"the RMS error {np.sqrt(mse):.3g} exceeds {limit:.3g} ({self.divergence_factor:g} x the reference)"
+        limit = self.divergence_factor * largest
+        if math.sqrt(mse) > limit:
+            return (
+                f"the RMS error {math.sqrt(mse):.3g} exceeds {limit:.3g} ({self.divergence_factor:g} x the reference)"
+            )
         return None
 
     def scores(self, data: xr.Dataset) -> Scores:
@@ -221,7 +225,7 @@ class TrialStudy:
 
 def _shared_zeros(drawn: Any, shared: dict[Any, Any]) -> Any:
     """Return what was drawn, or where it is all zero one read-only array for all trials."""
-    if np.any(drawn):
+    if np.asarray(drawn).any():
         return drawn
     zeros = shared.setdefault(np.shape(drawn), np.zeros(np.shape(drawn)))
     zeros.flags.writeable = False
@@ -242,7 +246,8 @@ class _Record:
         laws = [law for law in study.controllers.values() if isinstance(law, Telling)]
         self.told = tuple(dict.fromkeys(signal for law in laws for signal in law.tells))
         self.acts = type(plant).applied is not Plant.applied
-        self.rows: dict[str, Any] = {name: np.full(shape, np.nan) for name in self._row_names()}
+        named = self._row_names()  # in one block: large memory is handed out in large pages
+        self.rows: dict[str, Any] = dict(zip(named, np.full((len(named), *shape), np.nan), strict=True))
         self.mse = np.full(shape[:2], np.nan)
         self.diverged = np.full(len(self.names), np.nan)
         self.stopped = np.full(len(self.names), "", dtype=object)
@@ -264,7 +269,7 @@ class _Record:
             for i, signal in enumerate(plant.outputs):
                 suffix = "" if i == 0 else f"_{signal.name}"
                 self.rows[f"output{suffix}"][at, trial] = left.y[i]
-                self.rows[f"error{suffix}"][at, trial] = r[i] - left.y[i]
+                np.subtract(r[i], left.y[i], out=self.rows[f"error{suffix}"][at, trial])
             for i, signal in enumerate(plant.inputs):
                 self.rows["input" if i == 0 else f"input_{signal.name}"][at, trial, :-1] = left.u[i]
             for i, signal in self.hidden:
@@ -288,7 +293,7 @@ class _Record:
     def dataset(self, swept: Mapping[tuple[str, str, float], float]) -> xr.Dataset:
         """Return what was taken as a Dataset with units."""
         study = self.study
-        plant, r = study.plant, study.reference_samples
+        plant, r = study.plant, study.reference_samples.copy()
         axes = ("controller", "trial", "sample")
         variables: dict[str, Any] = {}
         for i, signal in enumerate(plant.outputs):
