@@ -15,13 +15,14 @@ from benchmarks.measure import command_time, in_a_new_process, least_times
 from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
 from studies.metro.study import STUDY
+from workbench.contracts.record import TrialInput
 from workbench.controllers import ICFDL
-from workbench.fold.fold import TrialInput, build, stream
+from workbench.fold.fold import build, stream
 from workbench.fold.machine_code import compiled
 from workbench.trials.campaign import run
 
 RUN = (
-    "from studies.metro.study import STUDY; from workbench.contracts import settings; "
+    "from studies.metro.study import STUDY; from workbench.trials import settings; "
     "from workbench.trials.campaign import run\n"
 )
 

@@ -48,8 +48,8 @@ def _options(
 
 
 def _study(name: str, assignments: list[str] | None, seed: int | None) -> Any:
-    from workbench.contracts import settings
     from workbench.trials import find as studies
+    from workbench.trials import settings
 
     seeded = [f"seed={seed}"] if seed is not None else []
     return settings.assigned(studies.find(name), [*(assignments or []), *seeded])
@@ -67,7 +67,7 @@ def list_studies() -> None:
 @app.command()
 def show(name: Name) -> None:
     """Print the settings that --set takes, with units and ranges."""
-    from workbench.contracts import settings
+    from workbench.trials import settings
 
     study = _study(name, None, None)
     print(f"{study.name}: {study.title}" if study.title else study.name)

@@ -22,11 +22,12 @@ from models.switched_delay import SwitchedDelay
 from models.transfer import Transfer
 from studies.ato.scores import indices, median_scores
 from workbench.contracts.law import Controller, Task
+from workbench.contracts.record import TrialInput, TrialRecord
 from workbench.contracts.study import Progress, Scores
 from workbench.controllers.bp_fipid import BPFIPID
 from workbench.controllers.fipid import FIPID
 from workbench.controllers.parts.immune import TOLD
-from workbench.fold.fold import Fold, TrialInput, TrialRecord, build, stream
+from workbench.fold.fold import Fold, build, stream
 from workbench.fold.machine_code import compiled
 
 STEP_SAMPLES, CURVE_SAMPLES = 200, 2175

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from studies.maglev.period_contraction import Loop
-from workbench.contracts import settings
 from workbench.evidence.variants import Variants
+from workbench.trials import settings
 
 LAGGING = ("actuator.lag=0.4", "actuator.delay=0.6")
 NOISY = ("noise.force_psd=1e6",)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from models.point_mass import READINGS
-from workbench.contracts import settings
+from workbench.trials import settings
 
 UNITS = {"icfdl": (1.0, 10.0, 100.0, 1000.0, 10_000.0), "pd": (1.0, 10.0)}
 

@@ -13,9 +13,9 @@ from models.actuator import Actuator, Delayed, Lagged, RateLimited, Saturated, d
 from models.plant import Plant, signals
 from models.point_mass import PointMass
 from models.quantity import InvalidValue, declared, quantity
+from workbench.contracts.record import TrialInput
 from workbench.controllers import ICFDL
 from workbench.fold.fold import build, stream
-from workbench.trials.study import TrialInput
 
 COMMANDS = np.random.default_rng(3).normal(0, 5, 60)
 

@@ -14,10 +14,10 @@ from models.raised_cosine import RaisedCosines
 from models.transfer import Transfer
 from studies.ato.scores import indices
 from studies.ato.study import STUDY
-from workbench.contracts import settings
 from workbench.controllers.bp_fipid import BPFIPID, Acting
 from workbench.controllers.fipid import FIPID
 from workbench.controllers.pd import PD
+from workbench.trials import settings
 from workbench.trials.campaign import load, run
 from workbench.trials.find import find
 

@@ -14,10 +14,10 @@ from scipy.signal import butter, filtfilt
 from models.maglev import Maglev
 from models.quantity import InvalidValue
 from studies.maglev.study import STUDY
-from workbench.contracts import settings
 from workbench.contracts.law import Task, Trial
 from workbench.controllers.palc_filtered import FilteredPALC
 from workbench.controllers.parts.shuttle_force import late_by
+from workbench.trials import settings
 from workbench.trials.campaign import run
 
 M, G, N, TS = 90_000.0, 9.81, 3, 0.01

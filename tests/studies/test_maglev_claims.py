@@ -13,7 +13,7 @@ from studies.maglev.period_contraction import Loop
 from studies.maglev.reversal import turns
 from studies.maglev.study import STUDY
 from verification.decide.verify import examination_of, judge, verify
-from workbench.contracts import settings
+from workbench.trials import settings
 from workbench.trials.campaign import run
 
 DEFAULTS = {

@@ -10,9 +10,9 @@ import pytest
 
 from models.quantity import InvalidValue
 from studies.stopping.record import predicted_errors
-from workbench.contracts.settings import assigned
 from workbench.trials.campaign import load, run
 from workbench.trials.find import find
+from workbench.trials.settings import assigned
 
 STUDY = find("stopping")
 TAU, T, C, H = 0.4, 0.2, -1.07, 0.01

@@ -17,7 +17,6 @@ from verification.checks import tube as tube_checks
 from verification.checks.feasibility import simulate
 from verification.decide.verify import judge
 from verification.enclosure.exact_schur import proved_schur
-from workbench.contracts.settings import assigned
 from workbench.contracts.verdict import Standing
 from workbench.controllers.rmpc import RMPC
 from workbench.controllers.rsmpc import RSMPC
@@ -25,6 +24,7 @@ from workbench.predictive.quadratic_program import Infeasible
 from workbench.sets import Polytope
 from workbench.trials.campaign import run
 from workbench.trials.find import find
+from workbench.trials.settings import assigned
 
 STUDY = find("stopping")
 

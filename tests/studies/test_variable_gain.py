@@ -9,7 +9,7 @@ import pytest
 
 from models.quantity import InvalidValue
 from studies.variable_gain.study import STUDY
-from workbench.contracts import settings
+from workbench.trials import settings
 from workbench.trials.campaign import run
 
 

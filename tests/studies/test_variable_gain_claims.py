@@ -11,7 +11,7 @@ from studies.variable_gain.claims import BANDS, BOX
 from studies.variable_gain.study import STUDY
 from verification.checks.lipschitz import lipschitz
 from verification.decide.verify import examination_of, judge, verify
-from workbench.contracts import settings
+from workbench.trials import settings
 from workbench.trials.campaign import run
 
 DEFAULTS = {

@@ -10,8 +10,8 @@ import sys
 import pytest
 
 from models.point_mass import PointMass
-from workbench.contracts import settings
 from workbench.trials import find as studies
+from workbench.trials import settings
 from workbench.trials.campaign import load
 
 OWN = """

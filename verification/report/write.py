@@ -24,12 +24,11 @@ from models.quantity import InvalidValue, Quantity, is_declared, walked
 from verification.report.junit import junit
 from verification.report.notation import clean
 from verification.report.typeset import Typeset, typeset
-from workbench.contracts import settings
 from workbench.contracts.examination import Figure, Table
 from workbench.contracts.number import finite
 from workbench.contracts.study import Progress
 from workbench.contracts.verdict import Standing, Verdict
-from workbench.trials import progress
+from workbench.trials import progress, settings
 from workbench.trials.campaign import Campaign, figure_file, write_figures, write_run, written_together
 
 STANDINGS = {

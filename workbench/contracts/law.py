@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-import casadi as ca
-
 from models.plant import Signal
 
 
@@ -34,7 +32,7 @@ class Trial(NamedTuple):
     """What a trial left to learn from. Rows are signals, columns samples.
 
     Samples after the trial's end are missing: y and e are NaN there and ``reached`` is 0, so whatever a law
-    computes from them must go through :func:`known`.
+    computes from them must go through :func:`workbench.controllers.parts.rows.known`.
     """
 
     r: Any
@@ -126,13 +124,3 @@ def learns_increment(law: Any) -> bool:
     A law says so with a class attribute ``learns_increment = True``.
     """
     return bool(getattr(law, "learns_increment", False))
-
-
-def known(reached: Any, value: Any) -> Any:
-    """Return value where ``reached`` is 1 and 0 elsewhere, never touching what is missing (NaN) there."""
-    return ca.if_else(reached, value, 0)
-
-
-def constant_row(value: Any, columns: int) -> Any:
-    """Return a row with the same value in every column, for a number or a symbol."""
-    return value * ca.DM.ones(1, columns)

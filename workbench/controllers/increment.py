@@ -7,9 +7,10 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 
 from models.quantity import declared, quantity
-from workbench.contracts.law import Task, Trial, constant_row, known
+from workbench.contracts.law import Task, Trial
 from workbench.controllers.parts import zero_phase
 from workbench.controllers.parts.ppd_estimator import Parameters
+from workbench.controllers.parts.rows import constant_row, known
 
 
 class Memory(NamedTuple):

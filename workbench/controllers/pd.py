@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any, ClassVar, NamedTuple
 
 from models.quantity import declared, quantity
-from workbench.contracts.law import Task, Trial, constant_row, known
+from workbench.contracts.law import Task, Trial
+from workbench.controllers.parts.rows import constant_row, known
 
 
 class Memory(NamedTuple):

@@ -8,9 +8,10 @@ import casadi as ca
 
 from models.plant import Signal, signals
 from models.quantity import declared, quantity, switch
-from workbench.contracts.law import Task, Trial, known
+from workbench.contracts.law import Task, Trial
 from workbench.controllers.parts import d_type, zero_phase
 from workbench.controllers.parts.d_type import Memory
+from workbench.controllers.parts.rows import known
 
 
 @declared

@@ -15,7 +15,6 @@ import numpy as np
 
 from models.plant import Plant
 from models.quantity import InvalidValue, declared, given, nested, part
-from workbench.contracts.settings import changed, rows
 from workbench.controllers import CFDL, ICFDL, PD, Increment
 from workbench.controllers.bp_fipid import BPFIPID
 from workbench.controllers.fipid import FIPID
@@ -24,6 +23,7 @@ from workbench.controllers.palc import PALC
 from workbench.controllers.pid import PID
 from workbench.controllers.tracking_mpc import TrackingMPC
 from workbench.controllers.variable_gain import VariableGain
+from workbench.trials.settings import changed, rows
 
 PAPER_SPEED = 26.0  # the speed that the fuzzy immune laws were made for
 

@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from workbench.contracts.settings import assigned
 from workbench.design.comparison import Comparison, comparison
 from workbench.fold.fold import Fold, stream
 from workbench.fold.machine_code import compiled
 from workbench.trials.campaign import Campaign, run
+from workbench.trials.settings import assigned
 
 
 def compare(

@@ -6,7 +6,7 @@ import dataclasses
 from functools import cache
 from typing import Any
 
-from workbench.contracts import settings
+from workbench.trials import settings
 from workbench.trials.campaign import Campaign, run
 
 

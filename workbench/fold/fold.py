@@ -18,6 +18,7 @@ import numpy as np
 from models.plant import Plant
 from models.quantity import InvalidValue, symbolised
 from workbench.contracts.law import Estimating, Learning, Telling, Trial
+from workbench.contracts.record import TrialInput, TrialRecord
 from workbench.fold.equations import MEMORY, Equations, equations
 from workbench.fold.sample import Sample, like, without_time
 from workbench.fold.tightened import SAMPLES
@@ -27,40 +28,6 @@ ROWS = ("u", "x", "y", "estimate", "applied", "told")
 TOGETHER = 2**16  # numbers of trials' records that lie together: few, so that they come from memory used before
 KEPT = 32  # folds whose Functions a process keeps
 UNROLLED = 20  # samples folded into one function; larger saves calls, and costs compile time
-
-
-class TrialInput(NamedTuple):
-    """What a trial is run with: its length, where it starts, plant disturbances and measurement noise."""
-
-    length: int
-    """The last sample that is reached."""
-    x0: Any
-    """Initial state, (nx,)."""
-    w: Any
-    """Disturbances, (nw, N)."""
-    noise: Any
-    """Added to the outputs that the law sees, (ny, N + 1)."""
-
-
-class TrialRecord(NamedTuple):
-    """What a trial left: true signals, missing samples are NaN."""
-
-    u: Any
-    """Input, (nu, N); the plan at every sample for a law that does not feed back."""
-    x: Any
-    """State, (nx, N + 1)."""
-    y: Any
-    """True output, (ny, N + 1)."""
-    estimate: Any
-    """PPD estimate, (1, N), or an empty array."""
-    mse: float
-    """Mean of e^2 over samples 1..length, summed over outputs."""
-    applied: Any
-    """The input that acted behind the plant's actuators, (nu, N), or an empty array for a plant without."""
-    told: Any
-    """What a :class:`~workbench.contracts.law.Telling` law tells, one row a signal, (nt, N)."""
-    memory: tuple[Any, ...] = ()
-    """The memory that the trial was run with, where it was asked for; shapes as in ``start``."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.fold.fold import TrialRecord
+from workbench.contracts.record import TrialRecord
 
 
 def slope_growth(output: int, *, factor: float = 1.05, trials: int = 8) -> Callable[[TrialRecord, Any], str | None]:

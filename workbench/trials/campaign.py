@@ -15,10 +15,9 @@ from typing import Any
 import xarray as xr
 
 from models.quantity import InvalidValue
-from workbench.contracts import settings
 from workbench.contracts.study import Progress, Scores, Study
 from workbench.distribution import __version__
-from workbench.trials import progress
+from workbench.trials import progress, settings
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,8 +16,9 @@ from models.plant import Plant, Signal
 from models.quantity import InvalidValue, count, declared, given, part, quantity
 from models.reference import Given
 from workbench.contracts.law import Choosy, Controller, Telling
+from workbench.contracts.record import TrialInput, TrialRecord
 from workbench.contracts.study import Measures, Progress, Scores
-from workbench.fold.fold import Fold, TrialInput, TrialRecord, build, stream
+from workbench.fold.fold import Fold, build, stream
 from workbench.fold.machine_code import all_compiled, compiled
 from workbench.trials.drawn import AtRest, Disturbance, Initial, Noise, SpeedNoise, Undisturbed
 from workbench.trials.length import TrialLength

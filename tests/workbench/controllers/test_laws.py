@@ -16,8 +16,9 @@ from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
 from models.quantity import InvalidValue, declared
 from studies.metro.study import STUDY
-from workbench.contracts.law import Task, Trial, constant_row
+from workbench.contracts.law import Task, Trial
 from workbench.controllers import CFDL, ICFDL, PD, Increment
+from workbench.controllers.parts.rows import constant_row
 from workbench.fold.fold import build
 from workbench.trials.campaign import run
 from workbench.trials.length import TrialLength

@@ -16,7 +16,6 @@ from models.point_mass import PointMass
 from models.quantity import InvalidValue
 from studies.rail.scores import RIDE
 from workbench.cli import app
-from workbench.contracts import settings
 from workbench.contracts.study import Measures
 from workbench.controllers.cfdl import CFDL
 from workbench.controllers.pid import PID
@@ -24,6 +23,7 @@ from workbench.design.candidates import MAKERS, Candidate, candidates, scale_of
 from workbench.design.comparison import Comparison, comparison
 from workbench.design.table import compare, save, table, times
 from workbench.trials import find as studies
+from workbench.trials import settings
 from workbench.trials.campaign import load
 from workbench.trials.length import TrialLength
 from workbench.trials.study import TrialStudy

@@ -12,8 +12,9 @@ import pytest
 from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
 from models.quantity import InvalidValue
+from workbench.contracts.record import TrialInput
 from workbench.controllers import CFDL, ICFDL, PD
-from workbench.fold.fold import TrialInput, build, stream
+from workbench.fold.fold import build, stream
 from workbench.fold.machine_code import compiled, compiler
 
 N, TRIALS = 80, 6

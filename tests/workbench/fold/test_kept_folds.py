@@ -14,9 +14,10 @@ import pytest
 from models.actuator import Delayed
 from models.plant import Plant, signals
 from models.quantity import count, declared, given, quantity, table
+from workbench.contracts.record import TrialInput
 from workbench.fold import machine_code
 from workbench.fold.equations import equations
-from workbench.fold.fold import TrialInput, build, stream
+from workbench.fold.fold import build, stream
 from workbench.fold.machine_code import compiled, compiler
 
 N = 12

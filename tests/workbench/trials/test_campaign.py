@@ -14,8 +14,8 @@ from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
 from models.quantity import InvalidValue
 from studies.metro.study import STUDY
-from workbench.contracts import settings
 from workbench.controllers import ICFDL, PD
+from workbench.trials import settings
 from workbench.trials.campaign import load, run
 from workbench.trials.length import TrialLength
 from workbench.trials.study import Sweep, TrialStudy

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from workbench.contracts.law import Task, Trial, known
+from workbench.contracts.law import Task, Trial
+from workbench.controllers.parts.rows import known
 
 
 class Memory(NamedTuple):
