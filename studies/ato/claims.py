@@ -256,7 +256,7 @@ def _sign(study: Any, data: Any) -> Finding:
             "sample": k + 1,
             "y(k) - y(k-1)": float(np.diff(y, axis=1)[seed, k]),
             "u(k) - u(k-1)": float(np.diff(u, axis=1)[seed, k]),
-            f"dy(k+{found.degree})/du(k)": found.slope,
+            f"dy(k+{found.degree})/du(k)": found.slope_at_rest,
         },
         method="finite differences of the record against the symbolic derivative of the delayed sample",
     )

@@ -62,6 +62,13 @@ def test_the_study_as_it_is(report):
     assert done.conclusion and done.tables
 
 
+def test_the_witness_of_a_wrong_sign_has_the_slope_of_the_delayed_sample(report):
+    _, done = report
+    (verdict,) = [one for one in done.verdicts if one.claim == "ato.sign_of_slope"]
+    (slope,) = [value for name, value in verdict.witness.items() if name.startswith("dy(k+")]
+    assert slope == pytest.approx(1 - np.exp(-0.2 / 2.1), rel=0.5) and slope > 0
+
+
 def test_the_published_figures_stand_beside_ours(report):
     test, done = report
     published = [table for table in done.tables if table.title.startswith("Published")]

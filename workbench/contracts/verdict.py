@@ -39,9 +39,10 @@ class Finding:
     witness: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
-        """Raise ValueError for a refutation that nobody could replay."""
+        """Raise ValueError for a refutation that nobody could replay, and for a witness with a function in it."""
         if self.standing is Standing.REFUTED and not self.witness:
             raise ValueError("a claim is refuted with a witness, got none")
+        _plain(self.witness)
 
 
 def undecided(reason: str) -> Finding:
@@ -105,5 +106,7 @@ def _plain(value: Any) -> Any:
         return value
     try:
         return finite(value)
-    except (TypeError, ValueError, RuntimeError):
+    except (TypeError, ValueError, RuntimeError, NotImplementedError):
+        if callable(value):  # what would give a value stands where the value was meant
+            raise ValueError(f"a witness holds values, got the function {value!r}") from None
         return str(value)

@@ -315,6 +315,12 @@ def test_any_witness_is_kept(value: Any, kept: Any) -> None:
     json.dumps(found, allow_nan=False)
 
 
+@pytest.mark.parametrize("value", [len, ca.Function("f", [], []), {"slope": [1.0, len]}])
+def test_a_function_is_no_witness(value: Any) -> None:
+    with pytest.raises(ValueError, match="a witness holds values, got the function"):
+        Finding(standing=Standing.SUPPORTED, method="m", witness={"value": value})
+
+
 def test_study_of_another_kind_without_claims(report: Any) -> None:
     campaign = dataclasses.replace(report.campaign, data=report.campaign.data.drop_vars("mse"))
     with pytest.raises(InvalidValue, match="there are no claims about"):
