@@ -7,6 +7,8 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import xarray as xr
 
+from models.plant import Plant
+
 Scores = dict[str, dict[str, float | None]]
 Progress = Callable[[int, str], Any]
 """progress(total, label) gives a context manager whose value is called with the steps done."""
@@ -42,3 +44,20 @@ class Study(Protocol):
 
     def figures(self, data: xr.Dataset) -> Mapping[str, Callable[[], Any]]:
         """Return the figures by name, each a function that draws and returns a Matplotlib figure."""
+
+
+class Folded(NamedTuple):
+    """What one controller of a study is folded from."""
+
+    plant: Plant
+    law: Any
+    samples: int
+    """N of the trial: samples are 0..N."""
+
+
+@runtime_checkable
+class Folding(Protocol):
+    """A study whose controllers are equations, folded over the samples of a trial together with their plant."""
+
+    def folded(self) -> Mapping[str, Folded]:
+        """Return what every controller is folded from, by name."""

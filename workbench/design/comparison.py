@@ -15,7 +15,7 @@ from models.plant import Plant
 from models.quantity import InvalidValue, count, declared, given, part, quantity
 from workbench.contracts.law import Choosy, Learning
 from workbench.contracts.number import finite
-from workbench.contracts.study import Measures, Progress, Scores
+from workbench.contracts.study import Folded, Measures, Progress, Scores
 from workbench.controllers.odometry import Odometry
 from workbench.design.candidates import Candidate, candidates
 from workbench.design.tuning import Tuned, tune
@@ -87,6 +87,10 @@ class Comparison:
             noise=self.noise,
             seed=seed,
         )
+
+    def folded(self) -> dict[str, Folded]:
+        """Return what every law is folded from on the true plant, by name."""
+        return self.study(self.controllers, true=True, seed=self.seed).folded()
 
     def refusals(self) -> dict[str, str]:
         """Return why laws cannot run on the plant, by name."""

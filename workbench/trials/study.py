@@ -17,7 +17,7 @@ from models.quantity import InvalidValue, count, declared, given, part, quantity
 from models.reference import Given
 from workbench.contracts.law import Choosy, Controller, Telling
 from workbench.contracts.record import TrialInput, TrialRecord
-from workbench.contracts.study import Measures, Progress, Scores
+from workbench.contracts.study import Folded, Measures, Progress, Scores
 from workbench.fold.fold import Fold, build, stream
 from workbench.fold.machine_code import all_compiled, compiled
 from workbench.trials.drawn import AtRest, Disturbance, Initial, Noise, SpeedNoise, Undisturbed
@@ -140,6 +140,10 @@ class TrialStudy:
             )
             for length, start in zip(lengths, starts, strict=True)
         ]
+
+    def folded(self) -> dict[str, Folded]:
+        """Return what every controller is folded from, by name."""
+        return {name: Folded(self.plant, law, self.horizon) for name, law in self.controllers.items()}
 
     def fold(self, controller: str) -> Fold:
         """Return the fold of the plant under a controller, by name."""
