@@ -5,16 +5,30 @@ from __future__ import annotations
 import json
 import logging
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from models.errors import InvalidValue
 
+
+class _Commands(TyperGroup):
+    """The commands: an interrupt in any of them ends with one line, which typer would leave out, and status 130."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that was given."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stop:
+            said = [*getattr(stop, "__notes__", ()), *map(str, stop.args), "nothing was written"]
+            print(f"workbench: interrupted, {said[0]}", file=sys.stderr)
+            raise typer.Exit(130) from None
+
+
 app = typer.Typer(
+    cls=_Commands,
     add_completion=False,
     no_args_is_help=True,
     rich_markup_mode=None,
@@ -87,10 +101,11 @@ def show(name: Name) -> None:
 def run(name: Name, assignments: Settings = None, seed: Seed = None, out: Out = None, as_json: Json = False) -> None:
     """Run a study and write run.nc, scores.json and figures/."""
     from workbench.trials import campaign
+    from workbench.trials.draft import replacing
 
     study = _study(name, assignments, seed)
     folder = out or Path("out") / study.name
-    with _replacing(folder) as draft:
+    with replacing(folder) as draft:
         done = campaign.run(study)
         done.record(draft)
         done.write(draft)
@@ -119,10 +134,11 @@ def verify(
     from verification.decide.verify import verify as examine
     from verification.report import write as report
     from workbench.trials import campaign
+    from workbench.trials.draft import replacing
 
     study = _study(name, assignments, seed)
     folder = out or Path("out") / study.name
-    with _replacing(folder) as draft:
+    with replacing(folder) as draft:
         done = campaign.run(study)
         done.record(draft)
         found = examine(done, full=full)
@@ -152,12 +168,13 @@ def compare(
     """Tune laws alike on a study's plant, run them, and write one table (table.csv), run.nc, scores.json, figures/."""
     from workbench.design import table as comparing
     from workbench.trials import find as studies
+    from workbench.trials.draft import replacing
 
     study = studies.find(name)
     folder = out or Path("out") / f"compare-{study.name}"
     named = None if laws is None else [law.strip() for law in laws.split(",") if law.strip()]
     seeded = [f"seed={seed}"] if seed is not None else []
-    with _replacing(folder) as draft:
+    with replacing(folder) as draft:
         done = comparing.compare(study, named, [*(assignments or []), *seeded])
         done.record(draft)
         times = comparing.times(done)
@@ -180,20 +197,6 @@ def compare(
         _print_table([tuple(proofs.header), *(tuple(row) for row in proofs.rows)])
         print(f"\nReport:   {folder / 'report.html'}")
     print(f"\nTable:    {folder / 'table.csv'} (times: times.csv)\nFigures:  {folder / 'figures'}/")
-
-
-@contextmanager
-def _replacing(folder: Path) -> Iterator[Path]:
-    """Give a draft that takes a folder's place at the end; an interrupt ends with one line and status 130."""
-    from workbench.trials.draft import replacing
-
-    try:
-        with replacing(folder) as draft:
-            yield draft
-    except KeyboardInterrupt as stop:
-        said = [*(getattr(stop, "__notes__", None) or map(str, stop.args)), "nothing was written"]
-        print(f"workbench: interrupted, {said[0]}", file=sys.stderr)
-        raise typer.Exit(130) from None
 
 
 def _print_scores(scores: Any, data: Any) -> None:

@@ -231,6 +231,31 @@ def test_a_stopped_command_leaves_the_old_and_a_draft(command: str, sent: signal
     assert left.is_dir()
 
 
+WAIT = "(Path('drawing').write_text(''), time.sleep(60))"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        OWN.replace("trials=9,", f"trials=9, watch=lambda: {WAIT},"),
+        f"{OWN}\n{WAIT}\n",
+        OWN.replace("trials=9,", f"trials=9, scorers=(lambda study, data: {WAIT},),"),
+    ],
+    ids=["running", "loading the study", "scores"],
+)
+def test_an_interrupt_anywhere_is_one_line(text: str, tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(text)
+    running = started("run", "own.py", "--out", "some/out", cwd=tmp_path)
+    waited(tmp_path / "drawing")
+    running.send_signal(signal.SIGINT)
+    printed, said = running.communicate(timeout=60)
+    assert running.returncode == 130 and printed == ""
+    kept = list(tmp_path.glob("some/.out.draft-*"))
+    told = f"the run is kept in {kept[0]}" if kept else "nothing was written"
+    assert said == f"workbench: interrupted, {told}\n"
+    assert (tmp_path / "some").exists() == bool(kept) and not (tmp_path / "some" / "out").exists()
+
+
 def test_a_failing_figure_keeps_the_run(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(BROKEN)
     status, said = done("run", "own.py", "--out", "out", cwd=tmp_path)
