@@ -114,6 +114,8 @@ def test_what_an_earlier_run_wrote_is_gone(out: Path, exchanged: bool, monkeypat
     [
         ("thesis.tex", {"thesis.tex": "x"}),
         ("sub/thesis.tex", {"sub/thesis.tex": "x"}),
+        ("report.html", {"report.html": "x"}),
+        ("figures/a.svg", {"figures/a.svg": "x"}),
         ("notes.txt", {"run.nc": "x", "scores.json": "x", "notes.txt": "x"}),
         ("figures/mine.txt", {"run.nc": "x", "figures/mine.txt": "x"}),
         ("more.json", {"run.nc": "x", "more.json": "x", "provenance.json": '{"files": ["run.nc"]}'}),
