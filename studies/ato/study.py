@@ -23,7 +23,7 @@ from models.transfer import Transfer
 from studies.ato.scores import indices, median_scores
 from workbench.contracts.law import Law, Task
 from workbench.contracts.record import TrialInput, TrialRecord
-from workbench.contracts.study import Progress, Scores
+from workbench.contracts.study import Progress, Scores, Study
 from workbench.controllers.bp_fipid import BPFIPID
 from workbench.controllers.fipid import FIPID
 from workbench.controllers.parts.immune import TOLD
@@ -46,7 +46,7 @@ class Setting(NamedTuple):
 
 
 @declared
-class AtoStudy:
+class AtoStudy(Study):
     """One run a law and seed, all laws on one plant; the laws that draw weights meet the same seeds.
 
     Samples are counted from 0 in the record; the paper's sample k is k - 1 there. Run i of ``seeds`` draws its

@@ -15,7 +15,7 @@ from models.plant import Plant
 from models.quantity import InvalidValue, count, declared, given, part, quantity
 from workbench.contracts.law import Law
 from workbench.contracts.number import finite
-from workbench.contracts.study import Measures, Progress, Scores
+from workbench.contracts.study import Measures, Progress, Scores, Study
 from workbench.design.candidates import Candidate, candidates
 from workbench.design.tuning import Tuned, tune
 from workbench.fold.fold import build, stream
@@ -29,7 +29,7 @@ NEAR_FINAL = 1.1
 
 
 @declared
-class Comparison:
+class Comparison(Study):
     """Laws on one plant, each tuned on the plant as it is believed to be and run on the plant as it is.
 
     Tuning minimises the mean MSE of the last 5 of ``trials`` trials (of 5 trials for a law that does not learn), with

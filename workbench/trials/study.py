@@ -13,10 +13,10 @@ import xarray as xr
 
 from models.plant import Plant, Signal
 from models.quantity import InvalidValue, count, declared, given, part, quantity, rebuilt
-from models.reference import Given
+from models.reference import Given, Reference
 from workbench.contracts.law import Law
 from workbench.contracts.record import TrialInput, TrialRecord
-from workbench.contracts.study import Measures, Progress, Scores
+from workbench.contracts.study import Measures, Progress, Scores, Study
 from workbench.fold.fold import Fold, build, stream
 from workbench.fold.machine_code import all_compiled, compiled
 from workbench.trials.drawn import AtRest, Disturbance, Initial, Noise, SpeedNoise, Undisturbed
@@ -38,7 +38,7 @@ class Sweep:
 
 
 @declared
-class TrialStudy:
+class TrialStudy(Study):
     """Plant x reference x controllers x settings, run trial after trial.
 
     ``reference`` is an array of shape (N + 1,) or (outputs, N + 1), or an object with ``samples(plant)``. Every
@@ -77,15 +77,12 @@ class TrialStudy:
 
     def check(self) -> None:
         """Raise InvalidValue where plant, reference, trial lengths and controllers do not fit together."""
-        if not hasattr(self.reference, "samples"):
+        if not isinstance(self.reference, Reference):
             object.__setattr__(self, "reference", Given(values=self.reference))
         if not re.fullmatch(NAME, self.name):
             raise InvalidValue(f"name must be letters, digits, _ and -, got {self.name!r}")
-        for member in ("states", "inputs", "outputs", "sampling_time"):
-            if isinstance(self.plant, type) or not hasattr(self.plant, member):
-                raise InvalidValue(
-                    f"plant must be a Plant with states, inputs, outputs and sampling_time; got {self.plant!r}"
-                )
+        if not isinstance(self.plant, Plant):
+            raise InvalidValue(f"plant must be a Plant, made with its settings as in Cart(mass=80); got {self.plant!r}")
         self.plant.next_output_function()
         self.trial_length.least(self.horizon)
         recorded = len(self.controllers) * self.trials * (self.horizon + 1)
