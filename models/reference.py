@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from abc import ABC, abstractmethod
+from typing import Any
 
 import numpy as np
 
@@ -10,15 +11,16 @@ from models.plant import Plant
 from models.quantity import InvalidValue, declared, given
 
 
-class Reference(Protocol):
+class Reference(ABC):
     """What a study's outputs should follow: samples 0..N of every output."""
 
+    @abstractmethod
     def samples(self, plant: Plant) -> Any:
         """Return the reference, shape (outputs, N + 1), in the units of the plant's outputs."""
 
 
 @declared
-class Given:
+class Given(Reference):
     """A reference given as numbers: shape (N + 1,) for one output or (outputs, N + 1)."""
 
     values: Any = given(doc="the samples 0..N of every output")

@@ -4,13 +4,14 @@ from importlib import import_module
 
 _HOME = {
     "Campaign": "workbench.trials.campaign",
+    "Law": "workbench.contracts.law",
     "TrialLength": "workbench.trials.length",
     "TrialStudy": "workbench.trials.study",
     "__version__": "workbench.distribution",
     "load": "workbench.trials.campaign",
     "run": "workbench.trials.campaign",
 }
-__all__ = ["Campaign", "TrialLength", "TrialStudy", "load", "run"]
+__all__ = ["Campaign", "Law", "TrialLength", "TrialStudy", "load", "run"]
 
 
 def __getattr__(name: str) -> object:

@@ -14,7 +14,6 @@ import numpy as np
 
 from models.plant import Plant
 from models.quantity import InvalidValue
-from workbench.contracts.law import learns_increment
 from workbench.evidence.trajectory import Lineariser, Trajectories, partial, recorded
 from workbench.trials.campaign import Campaign
 
@@ -103,7 +102,7 @@ def evidence(campaign: Campaign, controller: str) -> Evidence:
     if degree is None:
         raise InvalidValue(f"no output of {study.plant.name} depends on its first input within 200 samples")
     law = study.controllers[controller]
-    increment = learns_increment(law)
+    increment = law.learns_on == "increment"
     taken = recorded(campaign, controller)
     trials, n = taken.u.shape
     m = n - degree + 1

@@ -43,9 +43,8 @@ class Campaign:
         return result
 
     def documents(self) -> Mapping[str, Any]:
-        """Return what the study writes besides, JSON by file name: a study may have ``documents(data)``."""
-        own = getattr(self.study, "documents", None)
-        result: Mapping[str, Any] = own(self.data) if own is not None else {}
+        """Return what the study writes besides, JSON by file name."""
+        result: Mapping[str, Any] = self.study.documents(self.data)
         return result
 
     def scores_json(self) -> dict[str, Any]:
