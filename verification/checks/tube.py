@@ -12,6 +12,7 @@ from workbench.predictive import Tube
 from workbench.predictive.regulator import decrease, lmi, relative
 from workbench.sets import TOLERANCE, minimal_rpi, spectral_radius
 from workbench.sets.array import Array
+from workbench.sets.balance import state_units
 from workbench.sets.linear_program import minimise
 
 ROUNDING = 1e-9
@@ -31,7 +32,9 @@ def schur(tube: Tube) -> Finding:
     if radius >= 1:
         method = "eigenvalues in floating point"
         return Finding(standing=Standing.REFUTED, margin=1 - radius, unit="1", witness=witness, method=method)
-    if proved_schur(closed_loop(tube.plant.A, tube.plant.b, tube.K)):
+    units = state_units(tube.A_cl)  # powers of two: the same loop, exactly
+    A = tube.plant.A * units / units[:, None]
+    if proved_schur(closed_loop(A, tube.plant.b / units, tube.K * units)):
         return Finding(
             standing=Standing.PROVED,
             margin=1 - radius,
