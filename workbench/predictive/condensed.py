@@ -108,9 +108,9 @@ class CondensedQP:
         inputs, moving, last = len(self.free), len(self.g), len(self.g) + len(self.fixed.h)
         image = self._maps.dot(e)  # one product for everything linear in e: this runs as often as the solver
         room = image[:last] + self._offsets
-        if last > moving and np.minimum.reduce(room[moving:] / self.fixed.sizes) < -FEASIBILITY_TOLERANCE:
-            worst = int(np.argmin(room[moving:] / self.fixed.sizes))
-            missing = -float(room[moving + worst])
+        if last > moving and np.minimum.reduce(room[moving:]) < -FEASIBILITY_TOLERANCE:
+            worst = int(np.argmin(room[moving:]))
+            missing = -float(room[moving + worst] * self.fixed.sizes[worst])
             reason = f"'{self.fixed.labels[worst]}' misses by {missing:.6g} and no input can change it"
             return Infeasible(reason=reason, shortfall=missing)
         pull = self._costs.dot(start)
@@ -133,12 +133,13 @@ class CondensedQP:
 
     @cached_property
     def _maps(self) -> Array:
-        maps: Array = np.vstack([-self.S, -self.fixed.H, self.Phi.reshape(-1, self.Phi.shape[2])])
+        shares = self.fixed.H / self.fixed.sizes[:, None]
+        maps: Array = np.vstack([-self.S, -shares, self.Phi.reshape(-1, self.Phi.shape[2])])
         return maps
 
     @cached_property
     def _offsets(self) -> Array:
-        return np.concatenate([self.g, self.fixed.h])
+        return np.concatenate([self.g, self.fixed.h / self.fixed.sizes])
 
     @cached_property
     def _costs(self) -> Array:

@@ -31,8 +31,16 @@ class Solved(NamedTuple):
     """A minimiser u, shape (p,), its multipliers, shape (m,), and the residual of the optimality conditions."""
 
     u: Array
-    multipliers: Array
     residual: float
+    scaled_multipliers: Array
+    """Those of the scaled problem."""
+    prices: Array
+    """What one of each is worth in the problem as it was told, shape (m,)."""
+
+    @property
+    def multipliers(self) -> Array:
+        """The multipliers of the rows, shape (m,): seldom asked for, so not computed with every answer."""
+        return self.prices * self.scaled_multipliers
 
 
 class Infeasible(NamedTuple):
@@ -123,11 +131,12 @@ class WarmQP:
         self._rows = powers_of_two(-np.log2(sizes))
         self.labels = labels
         self.sizes = sizes
-        self.H = np.ascontiguousarray(self._gain**2 * self._inputs[:, None] * H * self._inputs)
-        self.G = np.ascontiguousarray(self._rows[:, None] * G * self._inputs)
+        self.H, self.G = H, G
+        self._H = np.ascontiguousarray(self._gain**2 * self._inputs[:, None] * H * self._inputs)
+        self._G = np.ascontiguousarray(self._rows[:, None] * G * self._inputs)
         self._forces, self._prices = self._gain**2 * self._inputs, self._rows / self._gain**2
         self._slack = FEASIBILITY_TOLERANCE * self._rows * sizes
-        self._both = np.vstack([self.H, self.G])
+        self._both = np.vstack([self._H, self._G])
         self._below = np.full(len(G), -1e30)
         self._model: Any = None
 
@@ -139,10 +148,10 @@ class WarmQP:
     def solve(self, f: Array, g: Array) -> Solved | Infeasible:
         """The minimiser for this f, shape (p,), and g, shape (m,), or why there is none."""
         f, g = self._forces * f, self._rows * g
-        if not len(self.G):
-            u = np.asarray(np.linalg.solve(self.H, -f), dtype=np.float64)
-            residual = kkt_residual(self.H, f, self.G, g, u, np.zeros(0))
-            return Solved(u=self._inputs * u, multipliers=np.zeros(0), residual=residual)
+        if not len(self._G):
+            u = np.asarray(np.linalg.solve(self._H, -f), dtype=np.float64)
+            residual = kkt_residual(self._H, f, self._G, g, u, np.zeros(0))
+            return Solved(self._inputs * u, residual, np.zeros(0), self._prices)
         if self._model is None:
             answer = self._cold(f, g)
         else:
@@ -155,7 +164,7 @@ class WarmQP:
     def _cold(self, f: Array, g: Array) -> Solved | None:
         self._model = daqp.Model()
         self._model.settings = SOLVER_SETTINGS
-        self._model.setup(self.H, f, self.G, g, self._below, np.zeros(len(g), dtype=np.int32))
+        self._model.setup(self._H, f, self._G, g, self._below, np.zeros(len(g), dtype=np.int32))
         answer = self._check(f, g)
         if answer is None:
             self._model = None  # no active set worth starting from
@@ -166,14 +175,14 @@ class WarmQP:
         if flag != 1:
             return None
         multipliers, image = info["lam"], self._both.dot(u)
-        residual = _residual(image[: len(f)], f, self.G, g - image[len(f) :], multipliers)
+        residual = _residual(image[: len(f)], f, self._G, g - image[len(f) :], multipliers)
         if residual > KKT_TOLERANCE:
             return None
-        return Solved(u=self._inputs * u, multipliers=self._prices * multipliers, residual=residual)
+        return Solved(self._inputs * u, residual, multipliers, self._prices)
 
     def _doubted(self, f: Array, g: Array) -> Solved | Infeasible:
         """Ask a linear program whether the rows can hold at all; if they just do, solve with that much slack."""
-        cost, rows = np.r_[np.zeros(len(f)), 1.0], np.hstack([self.G, -(self._rows * self.sizes)[:, None]])
+        cost, rows = np.r_[np.zeros(len(f)), 1.0], np.hstack([self._G, -(self._rows * self.sizes)[:, None]])
         answer = minimise(cost, rows, g)  # the least t with G u <= g + t sizes
         if answer.status == "optimal" and answer.value > FEASIBILITY_TOLERANCE:
             shares = answer.prices * self._rows * self.sizes
