@@ -194,6 +194,22 @@ def test_checks_refute_in_every_unit(units):
     assert found.witness is not None
 
 
+@pytest.mark.parametrize("worth", [1e-12, 1.0, 1e12])
+def test_a_decrease_that_fails_is_seen_whatever_a_cost_is_worth(worth):
+    tube = Units(np.ones(4), 1.0, worth).tube(plain("brake A"))
+    law = RMPC(tube=twisted(tube, P=0.2 * tube.P), N=3)  # violates (19)
+    assert predictive_checks.nominal_decrease(law, runs=8).standing is Standing.REFUTED
+
+
+@pytest.mark.parametrize(("name", "units"), CASES)
+def test_directions_look_at_every_state_alike(name, units):
+    tube, u, other = pair(name, units)
+    first, second = RMPC(tube=tube, N=4).problem, RMPC(tube=other, N=4).problem
+    center = first.inside()
+    assert np.allclose(second.spread(center * u.c), first.spread(center) * u.c, rtol=1e-7, atol=0)
+    assert first.solve(center).du.size == second.solve(second.inside()).du.size == 4
+
+
 @pytest.mark.parametrize("units", OTHER)
 def test_a_disturbance_that_is_too_large_is_told_in_every_unit(units):
     def made(reach):
