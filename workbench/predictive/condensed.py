@@ -17,7 +17,7 @@ from workbench.predictive.tube import Tube
 from workbench.sets import Polytope
 from workbench.sets.array import Array, checked
 from workbench.sets.balance import state_units
-from workbench.sets.linear_program import minimise
+from workbench.sets.linear_program import SolverFailed, minimise
 
 IMMOVABLE = 1e-12
 """A row moves with the inputs if the cost that moves the most sensitive row by its size moves this one by such a share
@@ -46,8 +46,8 @@ class Plan(NamedTuple):
 class Edge(NamedTuple):
     """Where a line leaves the set of errors from which a problem is feasible.
 
-    `distance` is the largest feasible t of origin + t * direction (-inf if there is none, inf if there is no end, NaN
-    if the solver failed); `normal`, shape (n,), points out of the set there and is NaN unless the distance is finite.
+    `distance` is the largest feasible t of origin + t * direction (-inf if there is none, inf if there is no end);
+    `normal`, shape (n,), points out of the set there and is NaN unless the distance is finite.
     """
 
     distance: float
@@ -182,7 +182,13 @@ class CondensedQP:
         return rows.deepest()[0][-n:]
 
     def edge(self, origin: ArrayLike, direction: ArrayLike) -> Edge:
-        """How far the problem stays feasible from `origin` along `direction`, both of shape (n,), by one LP."""
+        """How far the problem stays feasible from `origin` along `direction`, both of shape (n,), by one LP.
+
+        Raises
+        ------
+        SolverFailed
+            If the linear program has no answer that can be believed.
+        """
         n = self.Phi.shape[1]
         origin, direction = checked("origin", origin, (n,)), checked("direction", direction, (n,))
         inputs = len(self.free)
@@ -191,6 +197,8 @@ class CondensedQP:
         rows = np.hstack([moves, (states @ direction)[:, None]])
         room = np.r_[self.g, self.fixed.h] - states @ origin
         answer = minimise(np.r_[np.zeros(inputs), -1.0], rows, room)
+        if answer.status == "failed":
+            raise SolverFailed(f"how far a problem of {len(room)} rows stays feasible could not be found")
         return Edge(distance=-answer.value, normal=answer.prices @ states)
 
     def spread(self, origin: ArrayLike) -> Array:

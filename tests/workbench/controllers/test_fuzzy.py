@@ -320,6 +320,12 @@ def test_rules_that_leave_a_gap_need_a_default(name):
     assert all(float(term.degree(gap["v"])) < 1e-15 for term in inputs["v"].values())
 
 
+def test_a_gap_between_upright_sides_is_found_between_them():
+    terms = {"a": left_shoulder(0, 2), "b": triangle(1, 2, 2), "c": trapezoid(3, 3, 4, 5), "d": right_shoulder(4, 5)}
+    with pytest.raises(InvalidValue, match=r"no rule fires at v = 2\.5;"):
+        Rules(inputs={"v": terms}, output={"x": triangle(-1, 0, 1)}, rules=tuple(Rule({"v": t}, "x") for t in terms))
+
+
 def test_a_combination_that_no_rule_is_for_is_found():
     with pytest.raises(InvalidValue, match=r"no rule fires at v = .*, slope = "):
         speed_rules(rules=speed_rules().rules[:3] + speed_rules().rules[4:])

@@ -25,7 +25,7 @@ from workbench.predictive.disturbance_model import DisturbanceModel
 from workbench.predictive.quadratic_program import Infeasible, WarmQP
 from workbench.predictive.regulator import lqr, symmetric_weight, terminal_weight, unstabilizable
 from workbench.predictive.tube import Tube
-from workbench.sets import Polytope, Zonotope, linear_program, rpi_residual
+from workbench.sets import Polytope, SolverFailed, Zonotope, linear_program, rpi_residual
 
 OTHER = sorted(set(TUBE_UNITS) - {"as it is"})
 FEW = ("all 1e-9", "all 1e9, input 1e-9", "apart")
@@ -309,7 +309,10 @@ def test_an_edge_is_where_the_plan_ends_and_says_when_there_is_none(monkeypatch)
     assert problem.edge(center + 1e3, [1.0, 0.0]).distance == -np.inf
     assert problem.edge(center, [0.0, 0.0]).distance == np.inf
     monkeypatch.setattr(linear_program, "linprog", lambda *_, **__: type("", (), {"status": 4}))
-    assert np.isnan(problem.edge(center, [1.0, 0.0]).distance)
+    with pytest.raises(SolverFailed, match="how far a problem of"):
+        problem.edge(center, [1.0, 0.0])
+    with pytest.raises(SolverFailed):
+        problem.spread(center)
 
 
 def test_without_any_believable_answer_there_is_no_plan(monkeypatch):
