@@ -77,7 +77,19 @@ def lambda_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     if slopes.reason:
         return undecided(slopes.reason)
     b = max(abs(slopes.gain_low), abs(slopes.gain_high))
-    return _compared(evidence, b, f"b by intervals for {described(plant, box)}", Standing.PROVED)
+    found = _compared(evidence, b, f"b by intervals for {described(plant, box)}", Standing.PROVED)
+    if found.standing is Standing.PROVED or slopes.steepest is None:
+        return found
+    met = max(slopes.steepest.lower, -slopes.steepest.upper)
+    at = {name: value[0].ravel().tolist() for name, value in slopes.steepest.point.items() if value[0].size}
+    refuted = _compared(evidence, met, f"b at a point of {described(plant, box)}", Standing.PROVED, {"point": at})
+    if refuted.standing is Standing.REFUTED:
+        return refuted
+    least, most = lambda_min(evidence.law, met), lambda_min(evidence.law, b)
+    return undecided(
+        f"(rho b)^2/4 lies between {least:.4g}, which is met at a point, and {most:.4g}, which bounds it for "
+        f"{described(plant, box)}; lambda = {evidence.law.lam:.4g} lies between"
+    )
 
 
 def lambda_realised(evidence: Evidence) -> Finding:

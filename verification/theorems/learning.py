@@ -41,7 +41,8 @@ class Dossier:
     @cached_property
     def box(self) -> Box:
         """The box that proofs are stated for."""
-        return domain(self.plant, self.evidence.trajectories)
+        drawn = [one.w for one in self.study.inputs()] if self.plant.disturbances else []
+        return domain(self.plant, self.evidence.trajectories, np.hstack(drawn) if drawn else None)
 
     @cached_property
     def error_map(self) -> convergence.Monotone | str:

@@ -27,6 +27,8 @@ class Evidence:
     """
 
     controller: str
+    study: Any
+    """The study that ran: what trials began with, and what disturbed them."""
     law: Any
     degree: int
     increment: bool
@@ -124,6 +126,7 @@ def evidence(campaign: Campaign, controller: str) -> Evidence:
         ratio = np.where(du != 0, ds / du, np.nan)
     return Evidence(
         controller=controller,
+        study=study,
         law=law,
         degree=degree,
         increment=increment,
