@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import logging
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -88,10 +90,10 @@ def run(name: Name, assignments: Settings = None, seed: Seed = None, out: Out = 
 
     study = _study(name, assignments, seed)
     folder = out or Path("out") / study.name
-    with campaign.written_together(folder):
-        pass
-    done = campaign.run(study)
-    done.save(folder)
+    with _replacing(folder) as draft:
+        done = campaign.run(study)
+        done.record(draft)
+        done.write(draft)
     if as_json:
         print(json.dumps(done.scores_json(), indent=2))
         return
@@ -120,11 +122,11 @@ def verify(
 
     study = _study(name, assignments, seed)
     folder = out or Path("out") / study.name
-    with campaign.written_together(folder):
-        pass
-    done = campaign.run(study)
-    found = examine(done, full=full)
-    report.write(found, folder)
+    with _replacing(folder) as draft:
+        done = campaign.run(study)
+        done.record(draft)
+        found = examine(done, full=full)
+        report.write_into(found, draft)
     if as_json:
         print(json.dumps(report.verdicts_json(found), indent=2))
     else:
@@ -149,24 +151,25 @@ def compare(
 ) -> None:
     """Tune laws alike on a study's plant, run them, and write one table (table.csv), run.nc, scores.json, figures/."""
     from workbench.design import table as comparing
-    from workbench.trials import campaign
     from workbench.trials import find as studies
 
     study = studies.find(name)
     folder = out or Path("out") / f"compare-{study.name}"
-    with campaign.written_together(folder):
-        pass
     named = None if laws is None else [law.strip() for law in laws.split(",") if law.strip()]
     seeded = [f"seed={seed}"] if seed is not None else []
-    done = comparing.compare(study, named, [*(assignments or []), *seeded])
-    times = comparing.times(done)
-    comparing.save(done, folder, times)
-    if check:
-        from verification.decide.verify import verify as examine
-        from verification.report import write as report
+    with _replacing(folder) as draft:
+        done = comparing.compare(study, named, [*(assignments or []), *seeded])
+        done.record(draft)
+        times = comparing.times(done)
+        comparing.write_tables(done, draft, times)
+        if check:
+            from verification.decide.verify import verify as examine
+            from verification.report import write as report
 
-        found = examine(done)
-        report.write(found, folder)
+            found = examine(done)
+            report.write_into(found, draft)
+        else:
+            done.write(draft)
     if as_json:
         print(json.dumps(done.scores_json(), indent=2))
         return
@@ -177,6 +180,20 @@ def compare(
         _print_table([tuple(proofs.header), *(tuple(row) for row in proofs.rows)])
         print(f"\nReport:   {folder / 'report.html'}")
     print(f"\nTable:    {folder / 'table.csv'} (times: times.csv)\nFigures:  {folder / 'figures'}/")
+
+
+@contextmanager
+def _replacing(folder: Path) -> Iterator[Path]:
+    """Give a draft that takes a folder's place at the end; an interrupt ends with one line and status 130."""
+    from workbench.trials.draft import replacing
+
+    try:
+        with replacing(folder) as draft:
+            yield draft
+    except KeyboardInterrupt as stop:
+        said = [*(getattr(stop, "__notes__", None) or map(str, stop.args)), "nothing was written"]
+        print(f"workbench: interrupted, {said[0]}", file=sys.stderr)
+        raise typer.Exit(130) from None
 
 
 def _print_scores(scores: Any, data: Any) -> None:

@@ -23,7 +23,7 @@ from models.transfer import Transfer
 from studies.ato.scores import indices, median_scores
 from workbench.contracts.law import Law, Task
 from workbench.contracts.record import TrialInput, TrialRecord
-from workbench.contracts.study import Progress, Scores, Study
+from workbench.contracts.study import Folded, Progress, Scores, Study
 from workbench.controllers.bp_fipid import BPFIPID
 from workbench.controllers.fipid import FIPID
 from workbench.controllers.parts.immune import TOLD
@@ -121,6 +121,11 @@ class AtoStudy(Study):
             schedule += [(first - 2, early), (last - 1, late)]
         curve = RaisedCosines(horizon=CURVE_SAMPLES, moves=CURVE).samples(self.plant)
         return Setting(SwitchedDelay(plant=self.plant, schedule=tuple(schedule)), curve, np.zeros((1, CURVE_SAMPLES)))
+
+    def folded(self) -> dict[str, Folded]:
+        """Return what every controller is folded from, by name."""
+        setting = self.setting
+        return {name: Folded(setting.plant, law, setting.added.shape[1]) for name, law in self.controllers.items()}
 
     def simulate(self, progress: Progress) -> xr.Dataset:
         """Run every law with every seed; see :class:`workbench.contracts.study.Study`."""

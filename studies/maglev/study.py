@@ -21,7 +21,7 @@ from models.plant import Plant
 from models.quantity import InvalidValue, choice, count, declared, given, part, quantity
 from models.station_runs import Shuttle
 from studies.maglev.scores import scores
-from workbench.contracts.study import Progress, Scores, Study
+from workbench.contracts.study import Folded, Progress, Scores, Study
 from workbench.controllers.palc import PALC
 from workbench.controllers.palc_filtered import FilteredPALC
 from workbench.controllers.shuttle_pid import ShuttlePID
@@ -121,6 +121,10 @@ class MaglevStudy(Study):
         known = {"model": self.train, "late": self.late, "limit": self.force_limit}
         fields = {field.name for field in dataclasses.fields(law)}
         return dataclasses.replace(law, **{name: value for name, value in known.items() if name in fields})
+
+    def folded(self) -> dict[str, Folded]:
+        """Return what every controller is folded from, by name."""
+        return self.trial_study.folded()
 
     def simulate(self, progress: Progress) -> xr.Dataset:
         """Run every controller, as a study does. The true line resistance stands beside."""

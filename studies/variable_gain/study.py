@@ -18,7 +18,7 @@ from models.plant import Plant
 from models.quantity import count, declared, given, part, quantity, switch
 from models.station_runs import StationRun
 from studies.variable_gain.scores import scores
-from workbench.contracts.study import Progress, Scores, Study
+from workbench.contracts.study import Folded, Progress, Scores, Study
 from workbench.controllers.fixed_gain import FixedGain
 from workbench.controllers.variable_gain import VariableGain
 from workbench.requirements.divergence import slope_growth
@@ -96,6 +96,10 @@ class VariableGainStudy(Study):
             seed=self.seed,
             watch=partial(slope_growth, 1),
         )
+
+    def folded(self) -> dict[str, Folded]:
+        """Return what every controller is folded from, by name."""
+        return self.trial_study.folded()
 
     def simulate(self, progress: Progress) -> xr.Dataset:
         """Run every controller; see :class:`workbench.contracts.study.Study`."""

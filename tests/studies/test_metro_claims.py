@@ -21,7 +21,7 @@ from verification.theorems.learning import Dossier, claims_of, dossiers, examine
 from workbench.contracts.verdict import Standing, Verdict
 from workbench.evidence import ppd
 from workbench.trials import settings
-from workbench.trials.campaign import load, run, write_run
+from workbench.trials.campaign import load, run
 
 PROVED, SUPPORTED, REFUTED = Standing.PROVED, Standing.SUPPORTED, Standing.REFUTED
 T_MIN = 1900
@@ -61,7 +61,7 @@ class Ran:
 
     def __init__(self, folder: Path, line: str) -> None:
         self.line, self.file = line, folder / "run.nc"
-        write_run(run(settings.assigned(STUDY, [f"plant.line={line}"]), show_progress=False).data, self.file)
+        run(settings.assigned(STUDY, [f"plant.line={line}"]), show_progress=False).record(folder)
         self.campaign = load(self.file)
         self.files: dict[str, Dossier] = {d.controller: d for d in dossiers(self.campaign)}
         self.verdict = cache(self._verdict)

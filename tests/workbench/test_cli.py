@@ -68,7 +68,7 @@ def test_run_writes_everything(tmp_path):
     assert "mse_last" in done.stdout and "icfdl" in done.stdout and "figures" in done.stdout
     assert "\r" not in done.stderr and "%" not in done.stderr  # no progress bar in a pipe
     folder = tmp_path / "out" / "metro"
-    assert sorted(path.name for path in folder.iterdir()) == ["figures", "run.nc", "scores.json"]
+    assert sorted(path.name for path in folder.iterdir()) == ["figures", "provenance.json", "run.nc", "scores.json"]
     loaded = load(folder)
     assert loaded.settings["trials"] == 3 and loaded.settings["seed"] == 5
     assert json.loads((folder / "scores.json").read_text())["scores"] == loaded.scores()

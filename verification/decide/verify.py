@@ -13,6 +13,7 @@ from workbench.contracts.examination import Examination
 from workbench.contracts.verdict import Claim, Verdict, undecided
 from workbench.trials import progress
 from workbench.trials.campaign import Campaign
+from workbench.trials.replay import replayed
 
 GROUP = "workbench.claims"
 """The entry points that name a study's claims: ``name = "package.module:examine"``."""
@@ -66,8 +67,10 @@ def verify(
     """Check every claim on a campaign and return the report's content.
 
     ``claims`` are claims of one's own, or a whole examination; by default those of the campaign's study. ``full``
-    adds the long sweeps.
+    adds the long sweeps. A campaign that was loaded is run again first, and held against its record: see
+    :func:`workbench.trials.replay.replayed`, which raises InvalidValue where the two depart.
     """
+    replayed(campaign, show_progress=show_progress)
     if claims is None:
         chosen = examination_of(campaign, full=full)
     else:

@@ -19,8 +19,7 @@ from typing import Any, NamedTuple
 import jinja2
 from markupsafe import Markup
 
-from models.plant import Plant
-from models.quantity import InvalidValue, Quantity, is_declared, walked
+from models.quantity import InvalidValue
 from verification.report.junit import junit
 from verification.report.notation import clean
 from verification.report.typeset import Typeset, typeset
@@ -29,7 +28,9 @@ from workbench.contracts.number import finite
 from workbench.contracts.study import Progress
 from workbench.contracts.verdict import Standing, Verdict
 from workbench.trials import progress, settings
-from workbench.trials.campaign import Campaign, figure_file, write_figures, write_run, written_together
+from workbench.trials.campaign import Campaign, figure_file, write_figures
+from workbench.trials.draft import replacing
+from workbench.trials.provenance import plants_of
 
 STANDINGS = {
     Standing.PROVED: ("✓", "holds: by exact algebra, or by interval arithmetic over the box that is stated"),
@@ -89,21 +90,29 @@ class Report:
 
 
 def write(report: Report, folder: str | os.PathLike[str], *, show_progress: bool = True) -> Path:
-    """Write run.nc, scores.json, figures/, verdicts.json, verdicts.xml and report.html, all or nothing.
+    """Replace a folder by all that ``workbench verify`` writes, all or nothing; return the folder.
 
-    Returns the folder. Raises InvalidValue where it cannot be written. A figure that cannot be drawn leaves its
-    reason in the report.
+    Raises InvalidValue where it cannot be written, or holds what no run wrote.
     """
-    campaign = report.campaign
-    with written_together(folder) as draft:
-        write_run(campaign.data, draft / "run.nc")
-        scores = scores_json(report)
-        _text(draft / "scores.json", json.dumps(scores, indent=2, allow_nan=False))
-        _text(draft / "verdicts.json", json.dumps(verdicts_json(report), indent=2, allow_nan=False))
-        _text(draft / "verdicts.xml", junit(campaign.study.name, _version(report), report.verdicts))
-        figures = _drawn(report, draft / "figures", progress.bar if show_progress else progress.silent)
-        _text(draft / "report.html", html(report, figures, scores["scores"]))
+    with replacing(folder) as draft:
+        report.campaign.record(draft)
+        write_into(report, draft, show_progress=show_progress)
     return Path(folder)
+
+
+def write_into(report: Report, draft: Path, *, show_progress: bool = True) -> None:
+    """Write scores.json, the study's documents, figures/, verdicts.json, verdicts.xml and report.html into a folder.
+
+    The record is written by :meth:`workbench.trials.campaign.Campaign.record`, before anything is verified. A figure
+    that cannot be drawn leaves its reason in the report.
+    """
+    campaign, scores = report.campaign, scores_json(report)
+    _text(draft / "verdicts.json", json.dumps(verdicts_json(report), indent=2, allow_nan=False))
+    _text(draft / "verdicts.xml", junit(campaign.study.name, _version(report), report.verdicts))
+    _text(draft / "scores.json", json.dumps(scores, indent=2, allow_nan=False))
+    campaign.write_documents(draft)
+    figures = _drawn(report, draft / "figures", progress.bar if show_progress else progress.silent)
+    _text(draft / "report.html", html(report, figures, scores["scores"]))
 
 
 def verdicts_json(report: Report) -> list[dict[str, Any]]:
@@ -284,7 +293,7 @@ def _text(file: Path, content: str) -> None:
 
 
 def _equations(study: Any) -> Iterator[Equations]:
-    for path, plant in _plants_of(study):
+    for path, plant in plants_of(study):
         source = str(getattr(plant, "source", ""))
         try:
             yield Equations(path, source, typeset(plant))
@@ -292,19 +301,6 @@ def _equations(study: Any) -> Iterator[Equations]:
             # Equations beyond typesetting must not cost the verdicts.
             said = str(error) if isinstance(error, InvalidValue) else f"{type(error).__name__}: {error}"
             yield Equations(path, source, None, said)
-
-
-def _plants_of(study: Any) -> list[tuple[str, Plant]]:
-    """Return the plants that a study declares; of one that declares none, what it calls its plant."""
-    fields = walked(study, _may_hold_plants) if is_declared(study) else ()
-    found = [(path, value) for path, _, value in fields if isinstance(value, Plant)]
-    own = getattr(study, "plant", None)
-    return found or ([("plant", own)] if isinstance(own, Plant) else [])
-
-
-def _may_hold_plants(spec: Quantity, value: Any) -> bool:
-    """Tell whether to look into a field: not into a plant, whose own plant is told with it."""
-    return spec.kind == "part" and is_declared(value) and not isinstance(value, Plant)
 
 
 def _drawn(report: Report, folder: Path, shown: Progress) -> list[Drawn]:

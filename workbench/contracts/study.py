@@ -8,6 +8,9 @@ from typing import Any, NamedTuple
 
 import xarray as xr
 
+from models.plant import Plant
+from workbench.contracts.law import Law
+
 Scores = dict[str, dict[str, float | None]]
 Progress = Callable[[int, str], Any]
 """progress(total, label) gives a context manager whose value is called with the steps done."""
@@ -20,6 +23,15 @@ class Measures(NamedTuple):
     """What a table calls every metric, its unit included, by the metric's name."""
     scores: Callable[[Any, xr.Dataset], Scores]
     """Gives these metrics by controller, from the study and its record; None stands for one that does not exist."""
+
+
+class Folded(NamedTuple):
+    """What one controller of a study is folded from."""
+
+    plant: Plant
+    law: Law
+    samples: int
+    """N of the trial: samples are 0..N."""
 
 
 class Study(ABC):
@@ -48,4 +60,8 @@ class Study(ABC):
 
     def documents(self, data: xr.Dataset) -> Mapping[str, Any]:
         """Return what the study writes besides, JSON by file name; nothing by default."""
+        return {}
+
+    def folded(self) -> Mapping[str, Folded]:
+        """Return what every controller is folded from, by name; nothing where controllers are no equations."""
         return {}

@@ -15,7 +15,7 @@ from models.plant import Plant
 from models.quantity import InvalidValue, count, declared, given, part, quantity
 from workbench.contracts.law import Law
 from workbench.contracts.number import finite
-from workbench.contracts.study import Measures, Progress, Scores, Study
+from workbench.contracts.study import Folded, Measures, Progress, Scores, Study
 from workbench.design.candidates import Candidate, candidates
 from workbench.design.tuning import Tuned, tune
 from workbench.fold.fold import build, stream
@@ -86,6 +86,10 @@ class Comparison(Study):
             noise=self.noise,
             seed=seed,
         )
+
+    def folded(self) -> dict[str, Folded]:
+        """Return what every law is folded from on the true plant, by name."""
+        return self.study(self.controllers, true=True, seed=self.seed).folded()
 
     def refusals(self) -> dict[str, str]:
         """Return why laws cannot run on the plant, by name."""

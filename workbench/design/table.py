@@ -13,6 +13,7 @@ from workbench.design.comparison import Comparison, comparison
 from workbench.fold.fold import Fold, stream
 from workbench.fold.machine_code import compiled
 from workbench.trials.campaign import Campaign, run
+from workbench.trials.draft import replacing
 from workbench.trials.settings import assigned
 
 
@@ -82,9 +83,16 @@ def times(campaign: Campaign, repeats: int = 5) -> dict[str, float]:
 
 
 def save(campaign: Campaign, folder: str | os.PathLike[str], measured: Mapping[str, float]) -> None:
-    """Write a comparison as every run is written, with table.csv, and times.csv, which no two runs share."""
-    campaign.save(folder)
-    with (Path(folder) / "table.csv").open("w", newline="") as file:
+    """Replace a folder by what every run writes, with table.csv, and times.csv, which no two runs share."""
+    with replacing(folder) as draft:
+        campaign.record(draft)
+        campaign.write(draft)
+        write_tables(campaign, draft, measured)
+
+
+def write_tables(campaign: Campaign, folder: Path, measured: Mapping[str, float]) -> None:
+    """Write table.csv, and the measured times as times.csv, into a folder."""
+    with (folder / "table.csv").open("w", newline="") as file:
         csv.writer(file).writerows(table(campaign))
-    with (Path(folder) / "times.csv").open("w", newline="") as file:
+    with (folder / "times.csv").open("w", newline="") as file:
         csv.writer(file).writerows([("law", "time per sample (us)"), *measured.items()])

@@ -5,10 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import shutil
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +15,12 @@ from models.quantity import InvalidValue
 from workbench.contracts.study import Progress, Scores, Study
 from workbench.distribution import __version__
 from workbench.trials import progress, settings
+from workbench.trials.draft import PROVENANCE, RECORD, replacing
+from workbench.trials.netcdf import packed, unpacked
+from workbench.trials.provenance import Provenance, provenance, run_id
+
+RUN_ID, SOURCE = "run_id", "provenance"
+"""Root attributes of ``run.nc``: the run's digest, and where it comes from as JSON."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,6 +29,8 @@ class Campaign:
 
     study: Any
     data: xr.Dataset
+    recorded: Provenance | None = None
+    """Where a campaign that was loaded comes from, as it was recorded; None for one that was run here."""
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -51,17 +56,40 @@ class Campaign:
         """Return the content of ``scores.json``."""
         return {"study": self.study.name, "settings": self.settings, "scores": self.scores()}
 
-    def save(self, folder: str | os.PathLike[str]) -> Path:
-        """Write run.nc, scores.json, the study's documents and figures/, all or nothing; return the folder.
+    def provenance(self) -> Provenance:
+        """Return where the campaign comes from: as it was recorded, or as the study is now."""
+        return provenance(self.study) if self.recorded is None else self.recorded
 
-        Raises InvalidValue where the folder cannot be written.
+    def record(self, folder: Path) -> None:
+        """Write run.nc and provenance.json into a folder; run.nc appears when it is whole."""
+        source = self.provenance()
+        digest = run_id(self.data.attrs, source, self.data)
+        content = packed(self.data, {RUN_ID: digest, SOURCE: json.dumps(source)})
+        part = folder / f"{RECORD}.part"
+        part.write_bytes(content)
+        os.replace(part, folder / RECORD)
+        write_json({"study": self.study.name, RUN_ID: digest, **source}, folder / PROVENANCE)
+
+    def write(self, folder: Path) -> None:
+        """Write all that a run writes into a folder, but for the record: scores, the study's documents, figures."""
+        write_json(self.scores_json(), folder / "scores.json")
+        self.write_documents(folder)
+        write_figures(self.figures(), folder / "figures")
+
+    def write_documents(self, folder: Path) -> None:
+        """Write what the study writes besides into a folder."""
+        for name, content in self.documents().items():
+            write_json(content, folder / name)
+
+    def save(self, folder: str | os.PathLike[str]) -> Path:
+        """Replace a folder by all that a run writes, all or nothing; return the folder.
+
+        That is run.nc, provenance.json, scores.json, the study's documents and figures/. Raises InvalidValue where
+        the folder cannot be written, or holds what no run wrote.
         """
-        with written_together(folder) as draft:
-            write_run(self.data, draft / "run.nc")
-            (draft / "scores.json").write_text(json.dumps(self.scores_json(), indent=2, allow_nan=False) + "\n")
-            for name, content in self.documents().items():
-                (draft / name).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
-            write_figures(self.figures(), draft / "figures")
+        with replacing(folder) as draft:
+            self.record(draft)
+            self.write(draft)
         return Path(folder)
 
 
@@ -81,20 +109,25 @@ def load(path: str | os.PathLike[str], study: Study | None = None) -> Campaign:
     """Load a campaign from ``run.nc``, or from the folder that holds it.
 
     ``study`` is needed for a study of one's own; a built-in one is found by its name. Its settings are those of
-    the run. Raises InvalidValue where the file is missing, cut short, or not a run.
+    the run. Raises InvalidValue where the file is missing, cut short, not a run, or not what its run id was taken of:
+    then something in it was changed.
     """
     file = Path(path) / "run.nc" if Path(path).is_dir() else Path(path)
     if not file.is_file():
         raise InvalidValue(f"a run is loaded from an existing run.nc, got {file}: run the study first")
     try:
-        with xr.open_dataset(file, engine="h5netcdf") as opened:
-            data = opened.load()
+        data = unpacked(file)
     except Exception as error:
         raise InvalidValue(
             f"{file} must be a complete netCDF-4 file, but could not be read ({_first(error)}): run the study again"
         ) from None
-    if not {"study", "settings"} <= set(data.attrs):
-        raise InvalidValue(f"{file} must carry the attributes study and settings: it is no run of the workbench")
+    wanted = ("study", "version", "settings", SOURCE, RUN_ID)
+    if missing := [name for name in wanted if not isinstance(data.attrs.get(name), str)]:
+        raise InvalidValue(
+            f"{file} must carry the attributes {', '.join(wanted)}, got none named {missing[0]}: "
+            "it is no run of the workbench, or of an older one; run the study again"
+        )
+    source = _trusted(file, data)
     if study is None:
         from workbench.trials.find import find, names
 
@@ -102,18 +135,43 @@ def load(path: str | os.PathLike[str], study: Study | None = None) -> Campaign:
         if name not in names():
             raise InvalidValue(f"{file} is a run of {name!r}, which is not built in: give it, as in load(path, study)")
         study = find(name)
-    return Campaign(settings.changed(study, json.loads(data.attrs["settings"])), data)
+    return Campaign(settings.changed(study, json.loads(data.attrs["settings"])), data, source)
+
+
+def _trusted(file: Path, data: xr.Dataset) -> Provenance:
+    """Take run id and provenance off a record's attributes, and return the latter where the id is that of the rest."""
+    told, source = data.attrs.pop(RUN_ID), data.attrs.pop(SOURCE)
+    try:
+        found: Provenance = json.loads(source)
+        now = run_id(data.attrs, found, data)
+    except (ValueError, KeyError, TypeError) as error:
+        now = f"nothing ({_first(error)})"
+    if now != told:
+        raise InvalidValue(
+            f"{file} must hold what its run id {told[:12]} was taken of, but what it holds gives {now[:12]}: "
+            "it was edited or damaged; run the study again"
+        )
+    beside = file.with_name(PROVENANCE)
+    if file.name == RECORD and beside.is_file():
+        try:
+            said = json.loads(beside.read_text(encoding="utf-8")).get(RUN_ID)
+        except (ValueError, AttributeError, OSError):
+            said = None
+        if said != told:
+            raise InvalidValue(
+                f"{beside} must name the run id {told[:12]} of {file.name} beside it, got {str(said)[:12]}: "
+                "the two are of different runs; run the study again"
+            )
+    return found
 
 
 def _first(error: Exception) -> str:
     return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
-def write_run(data: xr.Dataset, file: Path) -> None:
-    """Write a Dataset as netCDF-4, compressed."""
-    packed = {"zlib": True, "complevel": 1, "shuffle": True}
-    encoding = {name: packed for name, values in data.variables.items() if values.size > 10_000}
-    data.to_netcdf(file, engine="h5netcdf", encoding=encoding)
+def write_json(content: Any, file: Path) -> None:
+    """Write content as JSON."""
+    file.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def write_figures(figures: Mapping[str, Callable[[], Any]], folder: Path) -> None:
@@ -135,39 +193,3 @@ def write_figures(figures: Mapping[str, Callable[[], Any]], folder: Path) -> Non
 def figure_file(name: str) -> str:
     """Return the file name, without its ending, under which a figure is written."""
     return "".join("_" if character in '/\\\0<>:"|?*' else character for character in name)
-
-
-@contextmanager
-def written_together(folder: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give a draft folder whose files move into ``folder`` at the end, or vanish if something fails.
-
-    Raises InvalidValue where the folder cannot be written.
-    """
-    target = Path(folder)
-    made = [parent for parent in [target, *target.parents] if not parent.exists()]
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-        draft = Path(tempfile.mkdtemp(prefix=".draft-", dir=target))
-    except OSError as error:
-        raise InvalidValue(
-            f"the output folder {target} must be writable, got: {error.strerror}; give another with --out"
-        ) from None
-    try:
-        yield draft
-        for entry in sorted(draft.iterdir()):
-            _move(entry, target / entry.name)
-    except OSError as error:
-        raise InvalidValue(f"writing to {target} failed: {error.strerror or error}") from None
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
-        for parent in made:
-            if parent.exists() and not any(parent.iterdir()):
-                parent.rmdir()
-
-
-def _move(entry: Path, target: Path) -> None:
-    if entry.is_dir() and target.is_dir():
-        for inner in entry.iterdir():
-            _move(inner, target / inner.name)
-    else:
-        os.replace(entry, target)

@@ -16,7 +16,7 @@ from models.quantity import InvalidValue, count, declared, given, part, quantity
 from models.reference import Given, Reference
 from workbench.contracts.law import Law
 from workbench.contracts.record import TrialInput, TrialRecord
-from workbench.contracts.study import Measures, Progress, Scores, Study
+from workbench.contracts.study import Folded, Measures, Progress, Scores, Study
 from workbench.fold.fold import Fold, build, stream
 from workbench.fold.machine_code import all_compiled, compiled
 from workbench.trials.drawn import AtRest, Disturbance, Initial, Noise, SpeedNoise, Undisturbed
@@ -138,6 +138,10 @@ class TrialStudy(Study):
             )
             for length, start in zip(lengths, starts, strict=True)
         ]
+
+    def folded(self) -> dict[str, Folded]:
+        """Return what every controller is folded from, by name."""
+        return {name: Folded(self.plant, law, self.horizon) for name, law in self.controllers.items()}
 
     def fold(self, controller: str) -> Fold:
         """Return the fold of the plant under a controller, by name."""

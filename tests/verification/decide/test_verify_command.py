@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-FILES = {"run.nc", "scores.json", "verdicts.json", "verdicts.xml", "report.html", "figures"}
+FILES = {"run.nc", "provenance.json", "scores.json", "verdicts.json", "verdicts.xml", "report.html", "figures"}
 OWN = """
 import numpy as np
 from typing import Any

@@ -19,7 +19,7 @@ from verification.decide.verify import judge
 from verification.report.write import exit_status, scores_json, shown, shown_value, tally, verdict_table, write
 
 EVIL = "<script>alert('a&b')</script>"
-FILES = {"run.nc", "scores.json", "verdicts.json", "verdicts.xml", "report.html", "figures"}
+FILES = {"run.nc", "provenance.json", "scores.json", "verdicts.json", "verdicts.xml", "report.html", "figures"}
 
 
 @pytest.fixture

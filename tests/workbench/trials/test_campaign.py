@@ -106,7 +106,7 @@ def test_scores_from_the_record(small):
 
 def test_written_and_loaded(small, tmp_path):
     folder = small.save(tmp_path / "deep" / "run")
-    assert sorted(path.name for path in folder.iterdir()) == ["figures", "run.nc", "scores.json"]
+    assert sorted(path.name for path in folder.iterdir()) == ["figures", "provenance.json", "run.nc", "scores.json"]
     figures = {path.name for path in (folder / "figures").iterdir()}
     names = {
         "reference",
@@ -248,11 +248,13 @@ def test_parts_that_do_not_fit_are_refused(fields, message):
         TrialStudy(**(parts | fields))
 
 
-def test_nothing_half_written_is_left(tmp_path):
+def test_what_fails_half_way_leaves_no_folder_but_the_run(tmp_path):
     def broken(study, data):
         return {"bad": lambda: 1 / 0}
 
     done = run(dataclasses.replace(SMALL, sweeps=(), trials=2, drawings=broken), show_progress=False)
-    with pytest.raises(ZeroDivisionError):
+    with pytest.raises(ZeroDivisionError) as caught:
         done.save(tmp_path / "out")
-    assert list(tmp_path.iterdir()) == []
+    (draft,) = tmp_path.iterdir()
+    assert caught.value.__notes__ == [f"the run is kept in {draft}"] and draft.name.startswith(".out.draft-")
+    xr.testing.assert_identical(load(draft, SMALL).data, done.data)
