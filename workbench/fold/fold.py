@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from models.function_name import function_name
 from models.plant import Plant
 from models.quantity import InvalidValue, symbolised
 from workbench.contracts.law import Estimating, Learning, Telling, Trial
@@ -185,7 +186,7 @@ def _functions(asked: Equations) -> tuple[ca.Function, ca.Function]:
         "told": ca.densify(told),
     }
     trial = ca.Function(
-        f"trial_{plant.name}_{type(law).__name__.lower()}",
+        f"trial_{function_name(plant.name)}_{function_name(type(law).__name__.lower())}",
         [*kept, *timed.values(), *handed.values()],
         list(results.values()),
         [*fields, *timed, *handed],

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from models.plain_text import check_plain
 from models.plant import Plant, Signal
 from models.quantity import InvalidValue, count, declared, given, part, quantity
 from models.reference import Given
@@ -81,12 +82,17 @@ class TrialStudy:
             object.__setattr__(self, "reference", Given(values=self.reference))
         if not re.fullmatch(NAME, self.name):
             raise InvalidValue(f"name must be letters, digits, _ and -, got {self.name!r}")
+        check_plain("title", self.title)
+        check_plain("source", self.source, lines=True)
         for member in ("states", "inputs", "outputs", "sampling_time"):
             if isinstance(self.plant, type) or not hasattr(self.plant, member):
                 raise InvalidValue(
                     f"plant must be a Plant with states, inputs, outputs and sampling_time; got {self.plant!r}"
                 )
-        self.plant.next_output_function()
+        plant = self.plant
+        for signal in (*plant.states, *plant.inputs, *plant.outputs, *plant.disturbances):
+            _check_signal(signal)
+        plant.next_output_function()
         self.trial_length.least(self.horizon)
         recorded = len(self.controllers) * self.trials * (self.horizon + 1)
         if recorded > MOST_RECORDED:
@@ -101,6 +107,9 @@ class TrialStudy:
                 raise InvalidValue(f"controllers must have names of letters, digits, _ and -, got {name!r}")
             if isinstance(law, type) or not isinstance(law, Controller):
                 raise InvalidValue(f"controllers.{name} must have source, start and act, got {type(law).__name__}")
+            check_plain(f"controllers.{name}.source", law.source, lines=True)
+            for signal in law.tells if isinstance(law, Telling) else ():
+                _check_signal(signal)
 
     @cached_property
     def reference_samples(self) -> Any:
@@ -363,6 +372,12 @@ class _Record:
                 {"units": "", "long_name": "controller"},
             )
         return xr.Dataset(variables, coordinates)
+
+
+def _check_signal(signal: Signal) -> None:
+    """Raise InvalidValue for a signal whose unit or description cannot be printed."""
+    check_plain(f"the unit of {signal.name!r}", signal.unit)
+    check_plain(f"the description of {signal.name!r}", signal.doc, lines=True)
 
 
 def _about(signal: Signal, prefix: str) -> dict[str, str]:

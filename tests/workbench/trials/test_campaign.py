@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 
 import h5py
 import numpy as np
@@ -16,7 +17,7 @@ from models.quantity import InvalidValue
 from studies.metro.study import STUDY
 from workbench.contracts import settings
 from workbench.controllers import ICFDL, PD
-from workbench.trials.campaign import load, run
+from workbench.trials.campaign import figure_file, load, run
 from workbench.trials.length import TrialLength
 from workbench.trials.study import Sweep, TrialStudy
 
@@ -256,3 +257,10 @@ def test_nothing_half_written_is_left(tmp_path):
     with pytest.raises(ZeroDivisionError):
         done.save(tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_names_of_figures_become_names_of_files():
+    names = ["mse", "a/b", "小车", "x" * 300, "x" * 301, "小" * 100]
+    files = [figure_file(name) for name in names]
+    assert files[:3] == ["mse", "a_b", "小车"] and len(set(files)) == len(names)
+    assert all(len(os.fsencode(file)) <= 200 for file in files)
