@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import unicodedata
 import warnings
 from functools import partial
 
@@ -15,12 +16,11 @@ from workbench.trials import glyphs
 NOWHERE = "\u901f\u5ea6"
 
 
-def lacking_in_sans(file_name="STIXGeneral"):
-    """Return a character that a font which comes with Matplotlib has and the default font lacks."""
+def lacking_in_sans():
+    """Return a sign that a font which comes with Matplotlib has and the default font lacks."""
     fonts = {font.name: font.fname for font in reversed(glyphs._fonts())}
-    return chr(
-        min(c for c in glyphs._characters(fonts[file_name]) - glyphs._characters(fonts["DejaVu Sans"]) if c > 255)
-    )
+    more = glyphs._characters(fonts["STIXGeneral"]) - glyphs._characters(fonts["DejaVu Sans"])
+    return min(chr(code) for code in more if unicodedata.category(chr(code)) == "Sm")
 
 
 def plotted():
