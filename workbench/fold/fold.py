@@ -270,7 +270,7 @@ def stream(
     told = {"r": _flat(r), "p": p}  # buffers keep no reference: what they are handed must outlive them
     first = _begun(fold, told)
     own = ((name, first[name]) for name in fold.law_memory)
-    for (name, field), start in zip(own, memory or (), strict=memory is not None):
+    for (name, field), start in zip(own, () if memory is None else memory, strict=memory is not None):
         given_field = _flat(ca.DM(start).full())
         if field.size != given_field.size:
             raise InvalidValue(f"{name} must hold {field.size} number(s), got {given_field.size}")
