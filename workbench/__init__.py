@@ -18,6 +18,8 @@ def __getattr__(name: str) -> object:
     """Import a name from where it lives when it is first asked for."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if not _HOME[name].endswith("distribution"):
+        import_module("workbench.distribution").unhidden("models")
     value = globals()[name] = getattr(import_module(_HOME[name]), name)
     return value
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import casadi as ca
 
+from models.function_name import function_name
 from models.plant import Plant
 from models.quantity import symbolised
 from workbench.contracts.law import Law, Task, Trial
@@ -75,7 +76,7 @@ def equations(plant: Plant, law: Law, samples: int) -> Equations:
         "sampling_time": ca.MX.sym("sampling_time"),
     }
     begun = law_mx.start(Task(given["r"], given["sampling_time"]))
-    fields = [MEMORY + name for name in getattr(begun, "_fields", ())]
+    fields = [MEMORY + function_name(name) for name in getattr(begun, "_fields", ())]
     first = tuple(ca.densify(ca.MX(value)) for value in begun)
     kept = {name: ca.MX.sym(name, *value.shape) for name, value in zip(fields, first, strict=True)}
     memory = like(begun, list(kept.values()))

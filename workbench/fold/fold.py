@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from models.function_name import function_name
 from models.plant import Plant
 from models.quantity import InvalidValue, symbolised
 from workbench.contracts.law import Law, Trial
@@ -153,7 +154,7 @@ def _functions(asked: Equations) -> tuple[ca.Function, ca.Function]:
         "told": ca.densify(told),
     }
     trial = ca.Function(
-        f"trial_{plant.name}_{type(law).__name__.lower()}",
+        f"trial_{function_name(plant.name)}_{function_name(type(law).__name__.lower())}",
         [*kept, *timed.values(), *handed.values()],
         list(results.values()),
         [*fields, *timed, *handed],
@@ -237,7 +238,7 @@ def stream(
     told = {"r": _flat(r), "p": p}  # buffers keep no reference: what they are handed must outlive them
     first = _begun(fold, told)
     own = ((name, first[name]) for name in fold.law_memory)
-    for (name, field), start in zip(own, memory or (), strict=memory is not None):
+    for (name, field), start in zip(own, () if memory is None else memory, strict=memory is not None):
         given_field = _flat(ca.DM(start).full())
         if field.size != given_field.size:
             raise InvalidValue(f"{name} must hold {field.size} number(s), got {given_field.size}")

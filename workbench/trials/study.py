@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from models.plain_text import check_plain
 from models.plant import Plant, Signal
 from models.quantity import InvalidValue, count, declared, given, part, quantity, rebuilt
 from models.reference import Given, Reference
@@ -81,9 +82,14 @@ class TrialStudy(Study):
             object.__setattr__(self, "reference", Given(values=self.reference))
         if not re.fullmatch(NAME, self.name):
             raise InvalidValue(f"name must be letters, digits, _ and -, got {self.name!r}")
+        check_plain("title", self.title)
+        check_plain("source", self.source, lines=True)
         if not isinstance(self.plant, Plant):
             raise InvalidValue(f"plant must be a Plant, made with its settings as in Cart(mass=80); got {self.plant!r}")
-        self.plant.next_output_function()
+        plant = self.plant
+        for signal in (*plant.states, *plant.inputs, *plant.outputs, *plant.disturbances):
+            _check_signal(signal)
+        plant.next_output_function()
         self.trial_length.least(self.horizon)
         recorded = len(self.controllers) * self.trials * (self.horizon + 1)
         if recorded > MOST_RECORDED:
@@ -100,6 +106,9 @@ class TrialStudy(Study):
                 raise InvalidValue(
                     f"controllers.{name} must be a Law, made with its settings as in PD(kp=2.0); got {law!r}"
                 )
+            check_plain(f"controllers.{name}.source", law.source, lines=True)
+            for signal in law.tells:
+                _check_signal(signal)
 
     @cached_property
     def reference_samples(self) -> Any:
@@ -365,6 +374,12 @@ class _Record:
                 {"units": "", "long_name": "controller"},
             )
         return xr.Dataset(variables, coordinates)
+
+
+def _check_signal(signal: Signal) -> None:
+    """Raise InvalidValue for a signal whose unit or description cannot be printed."""
+    check_plain(f"the unit of {signal.name!r}", signal.unit)
+    check_plain(f"the description of {signal.name!r}", signal.doc, lines=True)
 
 
 def _about(signal: Signal, prefix: str) -> dict[str, str]:
