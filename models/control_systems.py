@@ -51,7 +51,7 @@ def state_space(plant: Plant, x: Sequence[float], u: Sequence[float], w: Sequenc
     """Return ``control.StateSpace`` of the exact linearisation of a plant at x, u, w, k."""
     import control
 
-    w = w or [0.0] * len(plant.disturbances)
+    w = w if len(w) else [0.0] * len(plant.disturbances)
     for label, values, named in (("x", x, plant.states), ("u", u, plant.inputs), ("w", w, plant.disturbances)):
         if len(values) != len(named):
             raise InvalidValue(f"{label} must have {len(named)} value(s), got {len(values)}")

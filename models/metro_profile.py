@@ -8,6 +8,7 @@ import numpy as np
 
 from models.plant import Plant
 from models.quantity import InvalidValue, count, declared
+from models.reference import Reference
 
 MOST_SAMPLES = 1_000_000
 
@@ -23,7 +24,7 @@ def metro_speed(k: Any) -> Any:
 
 
 @declared
-class MetroProfile:
+class MetroProfile(Reference):
     """The inter-station run (16): k is the sample index, or seconds where the plant's reading says so."""
 
     horizon: int = count(default=2000, doc="k at the end of the run", least=2, most=2000)

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple, final
 
 import casadi as ca
 
+from models.function_name import function_name
 from models.quantity import InvalidValue, symbolised
 
 
@@ -41,15 +42,22 @@ class Values:
     def __init__(self, named: Sequence[Signal], vector: Any) -> None:
         self._names = tuple(signal.name for signal in named)
         self.vector = vector
+        taken = [name for name in self._names if name in self.__slots__]
+        if taken:
+            raise InvalidValue(f"a signal may have any name but vector and _names, got {taken[0]!r}: choose another")
 
     def __getattr__(self, name: str) -> Any:
+        if name == "_names":  # not there yet, as in a copy that is being made
+            raise AttributeError(name)
+        if name in self._names:
+            return self.vector[self._names.index(name)]
+        for index, own in enumerate(self._names):
+            if own.startswith("__") and name.endswith(own) and name[0] == "_":  # what a class makes of x.__name
+                return self.vector[index]
         if name.startswith("__"):
             raise AttributeError(name)
-        try:
-            return self.vector[self._names.index(name)]
-        except ValueError:
-            known = ", ".join(self._names) or "none"
-            raise InvalidValue(f"there is no signal {name!r} here; the signals are: {known}") from None
+        known = ", ".join(self._names) or "none"
+        raise InvalidValue(f"there is no signal {name!r} here; the signals are: {known}")
 
     def __getitem__(self, index: int) -> Any:
         return self.vector[range(len(self._names))[index]]
@@ -137,6 +145,12 @@ class Plant(ABC):
         return type(self).__name__.lower()
 
     @final
+    def _function(self, what: str, given: dict[str, Any], gives: dict[str, Any]) -> ca.Function:
+        """Return a CasADi Function named after the plant and what it is, its ports by name."""
+        name = f"{function_name(self.name)}_{what}"
+        return ca.Function(name, [*given.values()], [*gives.values()], [*given], [*gives])
+
+    @final
     def next_state(self, x: Any, u: Any, w: Any, k: Any) -> Any:
         """Evaluate ``step`` on CasADi columns x (nx), u (nu), w (nw) and a scalar k; return a column (nx)."""
         values = self.step(Values(self.states, x), Values(self.inputs, u), Values(self.disturbances, w), k)
@@ -167,20 +181,19 @@ class Plant(ABC):
     def step_function(self) -> ca.Function:
         """Return ``step`` as a CasADi Function (x, u, w, k) -> (x_next)."""
         at = self.symbols()
-        return ca.Function(f"{self.name}_step", list(at.values()), [self.next_state(**at)], list(at), ["x_next"])
+        return self._function("step", at, {"x_next": self.next_state(**at)})
 
     @final
     def output_function(self) -> ca.Function:
         """Return ``output`` as a CasADi Function (x) -> (y)."""
         x = _column("x", self.states)
-        return ca.Function(f"{self.name}_output", [x], [self.measured(x)], ["x"], ["y"])
+        return self._function("output", {"x": x}, {"y": self.measured(x)})
 
     @final
     def next_output_function(self) -> ca.Function:
         """Return y(k+1) as a CasADi Function (x, u, w, k) -> (y_next) of the sample k."""
         at = self.symbols()
-        y_next = self.measured(self.next_state(**at))
-        return ca.Function(f"{self.name}_next_output", list(at.values()), [y_next], list(at), ["y_next"])
+        return self._function("next_output", at, {"y_next": self.measured(self.next_state(**at))})
 
     @final
     def derivative(self, by: str, of: str = "x_next") -> ca.Function:
@@ -209,9 +222,8 @@ class Plant(ABC):
         slope = ca.jacobian(value, variable)
         if values:
             slope = ca.substitute(slope, variable, ca.SX(values[0]))
-        label = by.replace(".", "_")
-        name = f"{self.name}_d{of}_d{label}"
-        return ca.Function(name, list(at.values()), [slope], list(at), [f"d{of}_d{label}"])
+        label = f"d{of}_d{function_name(by.replace('.', '_'))}"
+        return self._function(label, at, {label: slope})
 
     @final
     def relative_degree(
@@ -254,13 +266,7 @@ class Plant(ABC):
             if ca.depends_on(y, first[column]):
                 given = {"x": at["x"], "u": ca.horzcat(*inputs), "w": ca.horzcat(*disturbances)}
                 given |= {"k": at["k"]} if k is None else {}
-                slope = ca.Function(
-                    f"{self.name}_slope",
-                    list(given.values()),
-                    [ca.jacobian(y, first[column])],
-                    list(given),
-                    ["dy_du"],
-                )
+                slope = self._function("slope", given, {"dy_du": ca.jacobian(y, first[column])})
                 reached = ca.Function("reached", [*given.values()], [y], list(given), ["y"])
                 return FirstEffect(degree, slope, _differs(reached, column))
             inputs.append(ca.SX.sym("later_u", len(self.inputs)))

@@ -17,6 +17,7 @@ from typing import Any, Literal, NamedTuple, TypeVar, dataclass_transform
 import casadi as ca
 
 from models.errors import InvalidValue as InvalidValue
+from models.plain_text import check_plain
 
 T = TypeVar("T")
 Symbolic = (ca.SX, ca.MX, ca.DM)
@@ -40,6 +41,11 @@ class Quantity:
     optional: bool = False
     structural: bool = False
     choices: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Raise InvalidValue for a unit or a description that cannot be printed."""
+        check_plain("a unit", self.unit)
+        check_plain("a description", self.doc, lines=True)
 
     def range(self) -> str:
         """Return the admissible range in words, e.g. ``(0, 1]`` or ``hilly | flat``."""

@@ -9,10 +9,11 @@ import numpy as np
 
 from models.plant import Plant
 from models.quantity import InvalidValue, count, declared, given
+from models.reference import Reference
 
 
 @declared
-class RaisedCosines:
+class RaisedCosines(Reference):
     """A profile that moves from speed to speed along half cosines; constant before, between and after.
 
     ``moves`` holds (from second, to second, from speed, to speed), one after the other.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from abc import ABC, abstractmethod
+from typing import Any
 
 import numpy as np
 
@@ -10,15 +11,16 @@ from models.plant import Plant
 from models.quantity import InvalidValue, declared, given
 
 
-class Reference(Protocol):
+class Reference(ABC):
     """What a study's outputs should follow: samples 0..N of every output."""
 
+    @abstractmethod
     def samples(self, plant: Plant) -> Any:
         """Return the reference, shape (outputs, N + 1), in the units of the plant's outputs."""
 
 
 @declared
-class Given:
+class Given(Reference):
     """A reference given as numbers: shape (N + 1,) for one output or (outputs, N + 1)."""
 
     values: Any = given(doc="the samples 0..N of every output")
@@ -36,6 +38,13 @@ class Given:
         if not np.isfinite(array).all():
             bad = np.argwhere(~np.isfinite(array))[0]
             raise InvalidValue(f"reference must be finite at every sample, got {array[tuple(bad)]} at sample {bad[1]}")
+
+    def __eq__(self, other: object) -> bool:
+        """Tell whether another reference has the same samples."""
+        return isinstance(other, Given) and np.array_equal(np.asarray(self.values), np.asarray(other.values))
+
+    def __hash__(self) -> int:
+        return hash(np.asarray(self.values, dtype=float).tobytes())
 
     def samples(self, plant: Plant) -> Any:
         """Return the values, shape (outputs, N + 1)."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from models.plant import Plant
 from models.quantity import InvalidValue, declared, quantity
+from models.reference import Reference
 
 
 def grid(duration: float, sampling_time: Any, what: str) -> Any:
@@ -58,7 +59,7 @@ class Trapezoid:
 
 
 @declared
-class Shuttle:
+class Shuttle(Reference):
     """There and back between two stations, standing at each: one period, outputs position and speed."""
 
     distance: float = quantity(default=1580.0, unit="m", doc="distance between the stations", above=0)
@@ -89,7 +90,7 @@ class Shuttle:
 
 
 @declared
-class StationRun:
+class StationRun(Reference):
     """One run from a station to the next, its acceleration smoothed by a moving average: position and speed."""
 
     distance: float = quantity(default=1500.0, unit="m", doc="distance between the stations", above=0)

@@ -11,6 +11,11 @@ import numpy as np
 from models.plant import Plant, Signal
 from models.quantity import InvalidValue, declared, given, quantity, table
 
+FASTEST = 1e6
+"""Largest size of a pole times the sampling time."""
+GROWTH = 700.0
+"""Largest real part of a pole times the sampling time: beyond it the exponential is no number."""
+
 
 @declared
 class Transfer(Plant):
@@ -18,6 +23,10 @@ class Transfer(Plant):
 
     Coefficients are in falling powers of s. The transfer function must be strictly proper, because a plant's
     output depends on its state alone. A dead time is put round it by :mod:`models.actuator`.
+
+    Poles may be at most ``FASTEST`` times as fast as the sampling: what is rounded in the sampled matrices grows with
+    that ratio, to about 1e-7 of the output at this limit and to all of it at 1e16. What such a pole does is over long
+    before the next sample, so its coefficient can be left out.
     """
 
     source: ClassVar[str] = "control.c2d of a control.TransferFunction, zero-order hold"
@@ -37,6 +46,17 @@ class Transfer(Plant):
         if numerator.size >= denominator.size:
             raise InvalidValue(
                 f"numerator must be of lower degree than denominator, got {self.numerator} over {self.denominator}"
+            )
+        poles = np.abs(_poles(denominator)), _poles(denominator).real
+        fastest, growing = (float(part.max()) * float(self.sampling_time) for part in poles)
+        if not fastest <= FASTEST:
+            raise InvalidValue(
+                f"denominator must have poles at most {FASTEST:g} times as fast as the sampling, got one {fastest:.3g} "
+                f"times as fast: leave the leading coefficient {denominator[0]:g} out"
+            )
+        if growing > GROWTH:
+            raise InvalidValue(
+                f"denominator must have poles that grow by finite factors a sample, got one of exp({growing:.3g})"
             )
 
     @classmethod
@@ -75,6 +95,14 @@ class Transfer(Plant):
     @property
     def _matrices(self) -> tuple[Any, Any, Any]:
         return _sampled(self.numerator, self.denominator, float(self.sampling_time))
+
+
+def _poles(denominator: Any) -> Any:
+    """Return the poles in rad/s; infinity for one that is beyond numbers, 0 where there is none."""
+    with np.errstate(over="ignore", divide="ignore"):
+        if not np.isfinite(denominator / denominator[0]).all():
+            return np.array([np.inf])
+    return np.append(np.roots(denominator), 0)
 
 
 @functools.cache

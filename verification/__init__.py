@@ -1,6 +1,7 @@
 """Claims, evidence and reports."""
 
 from importlib import import_module
+from pathlib import Path
 
 _HOME = {
     "Claim": "workbench.contracts.verdict",
@@ -17,10 +18,25 @@ _HOME = {
 __all__ = ["Claim", "Examination", "Figure", "Finding", "Report", "Standing", "Table", "Verdict", "latex", "verify"]
 
 
+def _unhidden() -> None:
+    """Raise an ImportError that says which file hides the packages that this one stands on."""
+    ours = Path(__path__[0]).resolve().with_name("workbench")
+    other = import_module("workbench")
+    places = list(getattr(other, "__path__", []))
+    if ours not in [Path(place).resolve() for place in places]:
+        place = getattr(other, "__file__", None) or ", ".join(places)
+        raise ImportError(
+            f"workbench must be the package in {ours.parent}, but {place} has its name and is found first: "
+            "rename that, or start from another folder"
+        )
+    import_module("workbench.distribution").unhidden("models")
+
+
 def __getattr__(name: str) -> object:
     """Import a name from where it lives when it is first asked for."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    _unhidden()
     value = globals()[name] = getattr(import_module(_HOME[name]), name)
     return value
 

@@ -4,19 +4,22 @@ from importlib import import_module
 
 _HOME = {
     "Campaign": "workbench.trials.campaign",
+    "Law": "workbench.contracts.law",
     "TrialLength": "workbench.trials.length",
     "TrialStudy": "workbench.trials.study",
     "__version__": "workbench.distribution",
     "load": "workbench.trials.campaign",
     "run": "workbench.trials.campaign",
 }
-__all__ = ["Campaign", "TrialLength", "TrialStudy", "load", "run"]
+__all__ = ["Campaign", "Law", "TrialLength", "TrialStudy", "load", "run"]
 
 
 def __getattr__(name: str) -> object:
     """Import a name from where it lives when it is first asked for."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if not _HOME[name].endswith("distribution"):
+        import_module("workbench.distribution").unhidden("models")
     value = globals()[name] = getattr(import_module(_HOME[name]), name)
     return value
 

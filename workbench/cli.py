@@ -2,33 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import logging
+import os
+import signal
 import sys
+import unicodedata
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from models.errors import InvalidValue
-
-
-class _Commands(TyperGroup):
-    """The commands: an interrupt in any of them ends with one line, which typer would leave out, and status 130."""
-
-    def invoke(self, ctx: Any) -> Any:
-        """Run the command that was given."""
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt as stop:
-            said = [*getattr(stop, "__notes__", ()), *map(str, stop.args), "nothing was written"]
-            print(f"workbench: interrupted, {said[0]}", file=sys.stderr)
-            raise typer.Exit(130) from None
-
+from workbench.distribution import HiddenPackageError, unhidden
 
 app = typer.Typer(
-    cls=_Commands,
     add_completion=False,
     no_args_is_help=True,
     rich_markup_mode=None,
@@ -85,7 +76,8 @@ def show(name: Name) -> None:
     """Print the settings that --set takes, with units and ranges."""
     from workbench.trials import settings
 
-    study = _study(name, None, None)
+    with _computing():
+        study = _study(name, None, None)
     print(f"{study.name}: {study.title}" if study.title else study.name)
     if study.source:
         print(f"Source: {study.source}")
@@ -103,16 +95,18 @@ def run(name: Name, assignments: Settings = None, seed: Seed = None, out: Out = 
     from workbench.trials import campaign
     from workbench.trials.draft import replacing
 
-    study = _study(name, assignments, seed)
-    folder = out or Path("out") / study.name
-    with replacing(folder) as draft:
-        done = campaign.run(study)
-        done.record(draft)
-        done.write(draft)
+    with _computing():
+        study = _study(name, assignments, seed)
+        folder = out or Path("out") / campaign.figure_file(study.name)
+        with replacing(folder) as draft:
+            done = campaign.run(study)
+            done.record(draft)
+            done.write(draft)
+        found = done.scores_json()
     if as_json:
-        print(json.dumps(done.scores_json(), indent=2))
+        print(json.dumps(found, indent=2))
         return
-    _print_scores(done.scores(), done.data)
+    _print_scores(found["scores"], done.data)
     print(f"\nRun:      {folder / 'run.nc'}\nScores:   {folder / 'scores.json'}\nFigures:  {folder / 'figures'}/")
 
 
@@ -131,22 +125,24 @@ def verify(
     Exit status: 0 every check came to a standing, 1 some are UNDECIDED, 2 bad usage or input, with --strict 3
     if any is REFUTED.
     """
+    unhidden("verification")
     from verification.decide.verify import verify as examine
     from verification.report import write as report
     from workbench.trials import campaign
     from workbench.trials.draft import replacing
 
-    study = _study(name, assignments, seed)
-    folder = out or Path("out") / study.name
-    with replacing(folder) as draft:
-        done = campaign.run(study)
-        done.record(draft)
-        found = examine(done, full=full)
-        report.write_into(found, draft)
+    with _computing():
+        study = _study(name, assignments, seed)
+        folder = out or Path("out") / campaign.figure_file(study.name)
+        with replacing(folder) as draft:
+            done = campaign.run(study)
+            done.record(draft)
+            found = examine(done, full=full)
+            report.write_into(found, draft)
     if as_json:
         print(json.dumps(report.verdicts_json(found), indent=2))
     else:
-        _print_scores(json.loads((folder / "scores.json").read_text())["scores"], done.data)
+        _print_scores(json.loads((folder / "scores.json").read_text(encoding="utf-8"))["scores"], done.data)
         print()
         _print_table(report.verdict_table(found))
         print(f"\n{report.tally(found)}")
@@ -167,30 +163,34 @@ def compare(
 ) -> None:
     """Tune laws alike on a study's plant, run them, and write one table (table.csv), run.nc, scores.json, figures/."""
     from workbench.design import table as comparing
+    from workbench.trials import campaign
     from workbench.trials import find as studies
     from workbench.trials.draft import replacing
 
-    study = studies.find(name)
-    folder = out or Path("out") / f"compare-{study.name}"
     named = None if laws is None else [law.strip() for law in laws.split(",") if law.strip()]
     seeded = [f"seed={seed}"] if seed is not None else []
-    with replacing(folder) as draft:
-        done = comparing.compare(study, named, [*(assignments or []), *seeded])
-        done.record(draft)
-        times = comparing.times(done)
-        comparing.write_tables(done, draft, times)
-        if check:
-            from verification.decide.verify import verify as examine
-            from verification.report import write as report
+    with _computing():
+        study = studies.find(name)
+        folder = out or Path("out") / campaign.figure_file(f"compare-{study.name}")
+        with replacing(folder) as draft:
+            done = comparing.compare(study, named, [*(assignments or []), *seeded])
+            done.record(draft)
+            times = comparing.times(done)
+            comparing.write_tables(done, draft, times)
+            if check:
+                unhidden("verification")
+                from verification.decide.verify import verify as examine
+                from verification.report import write as report
 
-            found = examine(done)
-            report.write_into(found, draft)
-        else:
-            done.write(draft)
+                found = examine(done)
+                report.write_into(found, draft)
+            else:
+                done.write(draft)
+        scores, table = done.scores_json(), comparing.table(done, times)
     if as_json:
-        print(json.dumps(done.scores_json(), indent=2))
+        print(json.dumps(scores, indent=2))
         return
-    _print_table(comparing.table(done, times))
+    _print_table(table)
     if check:
         proofs = found.tables[1]
         print(f"\n{proofs.title}")
@@ -221,17 +221,67 @@ def _print_table(table: list[tuple[str, ...]]) -> None:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
 
 
-def main() -> None:
-    """Run the command line; bad input ends with one line and status 2."""
-    logging.basicConfig(level=logging.WARNING, format="workbench: %(message)s", stream=sys.stderr)
+@contextlib.contextmanager
+def _computing() -> Iterator[None]:
+    """Send to stderr what is printed within, by a study's own code or by a library: stdout holds our answer only.
+
+    A reader of stdout or stderr who has left does not end the process within, so that nothing is half written.
+    """
+    _deaf_to_pipes(False)
+    kept = None
+    with contextlib.suppress(OSError):  # a closed stream has nothing to send or to keep
+        kept = os.dup(1)
+        os.dup2(2, 1)
     try:
-        app()
-    except InvalidValue as error:
-        print(f"workbench: {error}", file=sys.stderr)
-        sys.exit(2)
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    finally:
+        if kept is not None:
+            os.dup2(kept, 1)
+            os.close(kept)
+        _deaf_to_pipes(True)
+
+
+def _deaf_to_pipes(quiet: bool) -> None:
+    """Choose whether a pipe that nobody reads ends the process without a word, as it ends any other program."""
+    if sys.platform != "win32":
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL if quiet else signal.SIG_IGN)
+
+
+def _one_line(text: str) -> str:
+    """Return text with control characters, line ends among them, written as escapes."""
+    return "".join(
+        repr(character)[1:-1] if unicodedata.category(character) == "Cc" else character for character in text
+    )
+
+
+def _fail(message: str) -> None:
+    with contextlib.suppress(OSError):
+        print(f"workbench: {_one_line(message)}", file=sys.stderr)
+    sys.exit(2)
+
+
+def main() -> None:
+    """Run the command line; bad input ends with one line and status 2.
+
+    What the terminal's encoding lacks is printed as an escape. A reader who has left (``| head``) ends it quietly.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    logging.basicConfig(level=logging.WARNING, format="workbench: %(message)s", stream=sys.stderr)
+    _deaf_to_pipes(True)
+    try:
+        try:
+            app()
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()
+    except (InvalidValue, HiddenPackageError) as error:
+        _fail(str(error))
     except MemoryError as error:
-        print(f"workbench: there is not enough memory ({error}): lower trials or samples", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        print("workbench: interrupted, nothing was written", file=sys.stderr)
-        sys.exit(130)
+        _fail(f"there is not enough memory ({error}): lower trials or samples")
+    except OSError as error:
+        if error.filename is None:  # what is still to be written would fail again at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        _fail(f"{error.filename or 'standard output'} cannot be used: {error.strerror or error}")

@@ -21,9 +21,9 @@ from models.raised_cosine import RaisedCosines
 from models.switched_delay import SwitchedDelay
 from models.transfer import Transfer
 from studies.ato.scores import indices, median_scores
-from workbench.contracts.law import Controller, Task
+from workbench.contracts.law import Law, Task
 from workbench.contracts.record import TrialInput, TrialRecord
-from workbench.contracts.study import Folded, Progress, Scores
+from workbench.contracts.study import Folded, Progress, Scores, Study
 from workbench.controllers.bp_fipid import BPFIPID
 from workbench.controllers.fipid import FIPID
 from workbench.controllers.parts.immune import TOLD
@@ -46,7 +46,7 @@ class Setting(NamedTuple):
 
 
 @declared
-class AtoStudy:
+class AtoStudy(Study):
     """One run a law and seed, all laws on one plant; the laws that draw weights meet the same seeds.
 
     Samples are counted from 0 in the record; the paper's sample k is k - 1 there. Run i of ``seeds`` draws its
@@ -102,8 +102,8 @@ class AtoStudy:
         if self.tune and not self.grid:
             raise InvalidValue("grid must hold at least one gain, got none; or set tune=false")
         for name, law in self.controllers.items():
-            if not isinstance(law, Controller):
-                raise InvalidValue(f"controllers.{name} must have source, start and act, got {type(law).__name__}")
+            if not isinstance(law, Law):
+                raise InvalidValue(f"controllers.{name} must be a Law, got {type(law).__name__}")
             if name in self.tuned and not isinstance(law, FIPID):
                 raise InvalidValue(f"controllers.{name} is tuned by its gain K and must be a FIPID")
 
@@ -194,7 +194,7 @@ class AtoStudy:
                 rows["output"][i, j] = one.y[0]
                 rows["error"][i, j] = setting.reference[0] - one.y[0]
                 rows["input"][i, j, :-1] = one.u[0]
-                for signal, row in zip(getattr(self.controllers[name], "tells", ()), one.told, strict=True):
+                for signal, row in zip(self.controllers[name].tells, one.told, strict=True):
                     if signal in TOLD:
                         rows[signal.name][i, j, :-1] = row
                 for metric, value in self._indices(setting, one.y[0]).items():

@@ -21,7 +21,7 @@ from models.plant import Plant
 from models.quantity import InvalidValue, choice, count, declared, given, part, quantity
 from models.station_runs import Shuttle
 from studies.maglev.scores import scores
-from workbench.contracts.study import Folded, Progress, Scores
+from workbench.contracts.study import Folded, Progress, Scores, Study
 from workbench.controllers.palc import PALC
 from workbench.controllers.palc_filtered import FilteredPALC
 from workbench.controllers.shuttle_pid import ShuttlePID
@@ -43,7 +43,7 @@ class ForceNoise:
 
 
 @declared
-class MaglevStudy:
+class MaglevStudy(Study):
     """A shuttle between two stations: trials are periods, and the state runs on from one to the next."""
 
     name: str = given(default="maglev", doc="name, used for folders and reports")

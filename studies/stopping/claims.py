@@ -20,7 +20,6 @@ from workbench.contracts.examination import Examination
 from workbench.contracts.verdict import Claim, Finding, Standing, Verdict, undecided
 from workbench.controllers.rmpc import RMPC
 from workbench.controllers.rsmpc import RSMPC
-from workbench.sets import TOLERANCE
 from workbench.trials.campaign import Campaign
 
 PAPER = "Liu, Xun, Gao & Yin 2022"
@@ -33,6 +32,8 @@ CONTROLS = {
     ),
     "ignore_delay": (Control(ignore_delay=True), "the tube made with W and X, as if the brake had no dead time"),
 }
+ROUNDING = 1e-9
+"""What a recorded error may exceed a bound by, in the bound's unit: 1, m/s or m."""
 RUNS, RUNS_FULL = 200, 1000
 SEEDS, SEEDS_FULL = 8, 60
 
@@ -281,13 +282,13 @@ def _kept(data: Any, name: str) -> Finding:
     k = int(np.nanargmax(excess))
     worst = float(excess[k])
     without = np.flatnonzero(lost > 0)
-    held = worst <= TOLERANCE and not without.size
+    held = worst <= ROUNDING and not without.size
     method = f"every sample of the run; {without.size} without a plan"
     if without.size:
         method += f", at first: {one['stopped'].values!s}"
     return Finding(
         standing=Standing.SUPPORTED if held else Standing.REFUTED,
-        margin=TOLERANCE - worst,
+        margin=ROUNDING - worst,
         unit="units of the bound",
         witness={"sample": int(without[0]) if without.size else k, "excess": worst},
         method=method,

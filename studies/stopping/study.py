@@ -29,7 +29,7 @@ from studies.stopping.design import (
     direction,
     make_tube,
 )
-from workbench.contracts.study import Progress, Scores
+from workbench.contracts.study import Progress, Scores, Study
 from workbench.predictive import Tube
 
 IDEAL_HORIZON = 10
@@ -40,7 +40,7 @@ BLOCKS = 60
 
 
 @declared
-class Stopping:
+class Stopping(Study):
     """A train brakes to a stop at a mark, under a PID law, an ideal MPC and tube MPCs of several horizons."""
 
     name: str = given(default="stopping", doc="name, used for folders and reports")

@@ -18,7 +18,7 @@ from models.plant import Plant
 from models.quantity import count, declared, given, part, quantity, switch
 from models.station_runs import StationRun
 from studies.variable_gain.scores import scores
-from workbench.contracts.study import Folded, Progress, Scores
+from workbench.contracts.study import Folded, Progress, Scores, Study
 from workbench.controllers.fixed_gain import FixedGain
 from workbench.controllers.variable_gain import VariableGain
 from workbench.requirements.divergence import slope_growth
@@ -48,7 +48,7 @@ class Start:
 
 
 @declared
-class VariableGainStudy:
+class VariableGainStudy(Study):
     """Position and speed of a metro train, learned from trial to trial together with where it starts."""
 
     name: str = given(default="variable-gain", doc="name, used for folders and reports")

@@ -14,6 +14,7 @@ from models.metro_profile import MetroProfile, metro_speed
 from models.plant import Plant, signals
 from models.point_mass import PointMass
 from models.quantity import InvalidValue, choice, declared, quantity, symbolised
+from models.reference import Given
 from models.switched_delay import SwitchedDelay
 from models.transfer import Transfer
 
@@ -281,6 +282,21 @@ def test_state_space_is_the_linearisation(case):
     np.testing.assert_allclose(linear.B, b, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(linear.C, c, rtol=1e-6, atol=1e-9)
     assert not linear.D.any()
+
+
+@pytest.mark.parametrize("given", [np.array, list, tuple], ids=lambda kind: kind.__name__)
+def test_a_point_may_be_given_as_any_row(given):
+    plant, x, u, w, k = POINTS["pendulum"]
+    assert w
+    linear = plant.linearised(given(x), given(u), given(w), k)
+    np.testing.assert_array_equal(linear.A, plant.linearised(x, u, w, k).A)
+    still = plant.linearised(given(x), given(u), given([]), k)
+    np.testing.assert_array_equal(still.A, plant.linearised(x, u, k=k).A)
+
+
+def test_references_that_are_arrays_can_be_compared():
+    one, same, other = (Given(values=np.array([0.0, 1.0, last])) for last in (2.0, 2.0, 3.0))
+    assert one == same and one != other and hash(one) == hash(same)
 
 
 def test_linearised_needs_a_full_point():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import control
+import flint
 import numpy as np
 import pytest
 from scipy import signal
@@ -64,11 +65,64 @@ def test_gain_has_a_sensitivity():
         ({"denominator": (0.0, 0.0)}, "not 0"),
         ({"sampling_time": 0.0}, "sampling_time must lie in"),
         ({"numerator": "half"}, "row of numbers"),
+        ({"denominator": (1e-16, 1.0, 1.0)}, "poles at most 1e.06 times as fast as the sampling, got one 2e.15 times"),
+        ({"denominator": (1e-300, 1.0, 1.0)}, "leave the leading coefficient 1e-300 out"),
+        ({"denominator": (5e-324, 1.0, 1.0)}, "got one inf times"),
+        ({"denominator": (1.0, 0.0, 1e30)}, "poles at most"),
+        ({"denominator": (1.0, 1.0), "sampling_time": 1.1e6}, "poles at most"),
+        ({"denominator": (1.0, -4000.0)}, r"grow by finite factors a sample, got one that grows by exp\(800\)"),
     ],
 )
 def test_bad_transfer_functions_are_refused(fields, message):
     with pytest.raises(InvalidValue, match=message):
         Transfer(**fields)
+
+
+def exact_steps(numerator, denominator, sampling_time, samples):
+    """Return the step response from the exponential of the controllable form with 700 digits."""
+    before, flint.ctx.prec = flint.ctx.prec, 2400
+    try:
+        n = len(denominator) - 1
+        flow = [[flint.arb(0)] * (n + 1) for _ in range(n + 1)]
+        for j in range(n):
+            flow[0][j] = -flint.arb(denominator[j + 1]) / flint.arb(denominator[0]) * flint.arb(sampling_time)
+        for i in range(1, n):
+            flow[i][i - 1] = flint.arb(sampling_time)
+        flow[0][n] = flint.arb(sampling_time)
+        step = flint.arb_mat(flow).exp()
+        read = [flint.arb(0)] * (n - len(numerator)) + [flint.arb(one) / flint.arb(denominator[0]) for one in numerator]
+        x, left = flint.arb_mat([[flint.arb(0)]] * n + [[flint.arb(1)]]), []
+        for _ in range(samples + 1):
+            left.append(float(sum((read[i] * x[i, 0] for i in range(n)), flint.arb(0)).mid()))
+            x = step * x
+        return np.array(left)
+    finally:
+        flint.ctx.prec = before
+
+
+NEAR = [
+    ((1.0, 1.0), 0.2),
+    ((1.0, 2.0, 3.0), 0.2),
+    ((1.0, 0.5, 0.3, 2.0), 0.2),
+    ((1e-3, 0.01, 1.0), 1e-3),
+    ((9.0, 1.0), 7.0),
+]
+
+
+@pytest.mark.parametrize(("share", "accurate"), [(1.001e-6, 1e-7), (1e-4, 1e-9), (1e-2, 1e-11)])
+@pytest.mark.parametrize(("slow", "sampling_time"), NEAR)
+def test_a_fast_pole_near_the_limit_is_accurate(slow, sampling_time, share, accurate):
+    denominator = (share * sampling_time * slow[0], *slow)  # one pole at about -1/(share sampling_time)
+    plant = Transfer(numerator=(1.0,), denominator=denominator, sampling_time=sampling_time)
+    exact = exact_steps((1.0,), denominator, sampling_time, 40)
+    assert np.abs(response(plant, np.ones(40)) - exact).max() < accurate * np.abs(exact).max()
+    if share < 1e-5:
+        with pytest.raises(InvalidValue, match="leave the leading coefficient"):
+            Transfer(denominator=(0.9 * share * sampling_time * slow[0], *slow), sampling_time=sampling_time)
+
+
+def test_the_exact_steps_are_those_of_an_analytic_response():
+    np.testing.assert_allclose(exact_steps((0.5,), (1.0, 1.0), 0.2, 40), 0.5 * (1 - np.exp(-T)), rtol=1e-14)
 
 
 def test_a_discrete_system_is_refused():

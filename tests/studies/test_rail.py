@@ -8,6 +8,7 @@ import xarray as xr
 
 from models.point_mass import PointMass
 from studies.rail.scores import RIDE, ride_scores, train_scores
+from workbench.contracts.law import Law
 from workbench.design.comparison import comparison
 from workbench.design.table import headings
 from workbench.trials import find
@@ -21,7 +22,7 @@ def study(reading="metro"):
     return TrialStudy(plant=plant, reference=np.ones(N + 1), controllers={"law": Idle()}, trials=2)
 
 
-class Idle:
+class Idle(Law):
     source = "ours, 2026"
 
     def start(self, task):

@@ -15,7 +15,9 @@ from scipy import stats
 
 from models.plant import Plant
 from verification.checks.domain import described
+from verification.checks.premises import same_but_for_the_input
 from verification.checks.row_sums import off_diagonal, slope_bounds
+from verification.checks.slope import slope
 from verification.enclosure.bounds import bound, prove_positive
 from verification.enclosure.box import Box
 from verification.enclosure.reach import Reach
@@ -25,6 +27,7 @@ from workbench.contracts.verdict import Finding, Standing, undecided
 from workbench.evidence.lifted import Lifted
 from workbench.evidence.ppd import Evidence, gain_unit, learned_signal, units_of
 from workbench.evidence.trajectory import Lineariser, rollout
+from workbench.graph import Graph, call, read
 
 LOOSE = 1e3  # times the row sum along the run: a bound above that is called loose
 SIGNIFICANCE = 1e-3  # of the sampler's test, over all lengths together
@@ -47,12 +50,9 @@ def _delayed_box(box: Box, degree: int) -> Box:
     return Box({**dict(box), "later": later if degree > 1 else (np.zeros((low.size, 0)), np.zeros((low.size, 0)))})
 
 
-def _slope(function: ca.Function) -> ca.Function:
-    """Return the derivative of a scalar Function's output by the first entry of ``u``."""
-    names = function.name_in()
-    inputs = [ca.SX.sym(name, *function.size_in(name)) for name in names]
-    value = function(*inputs)
-    return ca.Function("df_du", inputs, [ca.jacobian(value, inputs[names.index("u")][0])], names, ["df_du"])
+def _slope(function: ca.Function) -> Graph:
+    """Return the exact derivative of the output ``y`` by the first entry of ``u``, as a graph."""
+    return slope(read(function), "y", "u")
 
 
 def continuous_slope(plant: Plant, box: Box, degree: int = 1) -> Finding:
@@ -96,7 +96,7 @@ def _broken(f: ca.Function, reach: Reach) -> dict[str, Any] | None:
     slopes = _slope(f)
     for side, shift in (("left", -step), ("right", step)):
         moved = {**at, "u": at["u"] + shift * np.eye(at["u"].size, 1)}
-        values[side] = float(slopes.call(moved)["df_du"])
+        values[side] = float(call(slopes, moved)["slope"][0, 0])
         heights[side] = float(f.call(moved)["y"])
     scale = max(abs(values["left"]), abs(values["right"]))
     across = (heights["right"] - heights["left"]) / (2 * step)
@@ -115,8 +115,9 @@ def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     grows without bound: an earlier difference du(j) is kept while du(k) goes to 0.
     """
     if not _remembers(plant, evidence):
-        found = bound(_slope(delayed_output(plant, evidence.degree)), _delayed_box(box, evidence.degree))
-        if np.isfinite([found.lower, found.upper]).all():
+        f, inner = delayed_output(plant, evidence.degree), _delayed_box(box, evidence.degree)
+        found = bound(_slope(f), inner)
+        if np.isfinite([found.lower, found.upper]).all() and continuous_on(f, inner).proved:
             return Finding(
                 standing=Standing.PROVED,
                 margin=max(abs(found.lower), abs(found.upper)),
@@ -215,6 +216,11 @@ def lipschitz_lifted(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     p = float((off + own).max())
     at = int((off + own).argmax())
     witness = {"trial": evidence.trajectories.u.shape[0], "sample": at, "row_sum": p, "diagonal": float(own[at])}
+    unmet = same_but_for_the_input(evidence.study)
+    if unmet is None and len(plant.inputs) > 1:
+        unmet = f"the claim speaks of one input, and the plant has {len(plant.inputs)}"
+    if unmet:
+        return undecided(unmet)
     if evidence.degree == 1:
         slopes = slope_bounds(plant, box, increment=evidence.increment)
         rows = off_diagonal(slopes, evidence.trajectories.u.shape[1])
@@ -322,11 +328,15 @@ def sign_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
 
 def sign_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     """A4 for the partial derivative: inf dy(k+d)/du(k) > 0 over the box."""
-    slope = _slope(delayed_output(plant, evidence.degree))
-    inner = _delayed_box(box, evidence.degree)
-    found = prove_positive(slope, inner)
+    f, inner = delayed_output(plant, evidence.degree), _delayed_box(box, evidence.degree)
+    found = prove_positive(_slope(f), inner)
     place = f"dy(k+{evidence.degree})/du(k) by intervals for {described(plant, box)}"
     if found.standing == "proved":
+        continuous = continuous_on(f, inner)
+        if not continuous.proved:
+            return undecided(
+                f"the output is not shown to be continuous, so a positive slope says little: {continuous.reason}"
+            )
         return Finding(
             standing=Standing.PROVED,
             margin=found.lower,

@@ -13,7 +13,6 @@ from verification.checks.assumptions import lifted_along
 from verification.checks.domain import described
 from verification.checks.row_sums import slope_bounds
 from verification.enclosure.box import Box
-from workbench.contracts.law import Stateful
 from workbench.contracts.number import finite
 from workbench.contracts.verdict import Finding, Standing, undecided
 from workbench.evidence.learning_operator import gain, memories
@@ -34,11 +33,6 @@ class Adaptation(NamedTuple):
     """Whether the reset (13) fires because |phi| <= eps or the sign of phi changes."""
     reset_idle: Any
     """Whether it fires because |du| <= eps."""
-
-
-def is_cfdl(law: Any) -> bool:
-    """Tell whether a law has the parameters of the CFDL laws, so that their theory speaks of it."""
-    return all(hasattr(law, name) for name in ("rho", "lam", "eta", "mu", "eps", "force_unit"))
 
 
 def adaptation(evidence: Evidence) -> Adaptation:
@@ -83,7 +77,19 @@ def lambda_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     if slopes.reason:
         return undecided(slopes.reason)
     b = max(abs(slopes.gain_low), abs(slopes.gain_high))
-    return _compared(evidence, b, f"b by intervals for {described(plant, box)}", Standing.PROVED)
+    found = _compared(evidence, b, f"b by intervals for {described(plant, box)}", Standing.PROVED)
+    if found.standing is Standing.PROVED or slopes.steepest is None:
+        return found
+    met = max(slopes.steepest.lower, -slopes.steepest.upper)
+    at = {name: value[0].ravel().tolist() for name, value in slopes.steepest.point.items() if value[0].size}
+    refuted = _compared(evidence, met, f"b at a point of {described(plant, box)}", Standing.PROVED, {"point": at})
+    if refuted.standing is Standing.REFUTED:
+        return refuted
+    least, most = lambda_min(evidence.law, met), lambda_min(evidence.law, b)
+    return undecided(
+        f"(rho b)^2/4 lies between {least:.4g}, which is met at a point, and {most:.4g}, which bounds it for "
+        f"{described(plant, box)}; lambda = {evidence.law.lam:.4g} lies between"
+    )
 
 
 def lambda_realised(evidence: Evidence) -> Finding:
@@ -194,9 +200,9 @@ def error_map(campaign: Campaign, evidence: Evidence) -> Monotone | str:
     G is taken along the last trial's plan, L from the law after the last trial as if it had reached the horizon.
     """
     law = evidence.law
-    if not hasattr(law, "learn"):
+    if law.learns_on is None:
         return "the law does not learn between trials"
-    if isinstance(law, Stateful):
+    if law.keeps_state:
         return "the law also acts within the trial, so the error's map between trials is not I - G L"
     study = campaign.study
     memory, left, _ = deque(memories(campaign, evidence.controller), maxlen=1).pop()

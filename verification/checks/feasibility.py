@@ -23,7 +23,7 @@ Disturbance = Literal["uniform", "vertex", "worst"]
 """How a run is disturbed."""
 
 VIOLATION_TOLERANCE = 1e-7
-"""By how much a bound may be exceeded by rounding and by the solver's tolerance, in the units of the bound."""
+"""By how much a bound may be exceeded by rounding and by the solver's tolerance, a share of the bounds' width."""
 
 EDGE_MARGIN = 1e-9
 """Runs start this fraction inside the edge, so that rounding does not decide about the first plan."""
@@ -50,7 +50,7 @@ class Run(NamedTuple):
     """The first sample without a plan."""
     reason: str
     violation: float
-    """By how much the true error exceeded a bound at worst; negative if it kept clear."""
+    """By how much the true error exceeded a bound at worst, a share of the bounds' width; negative if it kept clear."""
 
 
 class Witness(NamedTuple):
@@ -108,7 +108,7 @@ def simulate(
     x = np.array(errors)
     for j in range(plant.delay):  # x(k+l) - z(k) is the sum of A^(l-1-j) w(k+j)
         x = x + w[j : j + steps + 1] @ np.linalg.matrix_power(plant.A, plant.delay - 1 - j).T
-    broken = float((x @ bounds.H.T - bounds.h).max())
+    broken = float(((x @ bounds.H.T - bounds.h) / bounds.sizes).max())
     return Run(e=np.array(errors), x=x, w=w, infeasible_at=failed, reason=reason, violation=broken)
 
 
@@ -163,7 +163,7 @@ class _Edge(NamedTuple):
 
     center: Array
     rays: Array
-    """From the centre to the edge, shape (runs, n)."""
+    """From the centre to the edge, shape (runs, n); where there is none, as far as it is in other directions."""
     normals: Array
     """Outer normals n of the facets, scaled so that n (e - center) <= 1 on the set, shape (facets, n)."""
 
@@ -171,9 +171,9 @@ class _Edge(NamedTuple):
 def _edge_of(problem: CondensedQP, order: int, runs: int, random: np.random.Generator) -> _Edge:
     center = problem.inside()
     rays, normals = [], []
-    for direction in random.normal(size=(runs, order)):
+    for direction in random.normal(size=(runs, order)) * problem.spread(center):
         edge = problem.edge(center, direction)
-        rays.append(edge.distance * direction)
+        rays.append((edge.distance if np.isfinite(edge.distance) else 1.0) * direction)
         reach = edge.normal @ rays[-1]
         if np.isfinite(reach) and reach > 0:
             normals.append(edge.normal / reach)

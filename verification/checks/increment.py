@@ -5,9 +5,10 @@ follows the reference. For d = u* - u, the mean value theorem gives e_z = H d wi
 d_next(k) = (1 - l(k) H_kk) d(k) - l(k) sum_{j<k} H_kj d(j). With 0 < b_low <= H_kk <= b_high and
 sum_{j<k} |H_kj| <= r, and 0 < l <= l_max = rho/(2 sqrt(lam)),
 
-    |d_next(k)| <= (1 - l(k) (b_low - r)) max_{j<=k} |d(j)|        if  b_low > r  and  l_max (b_high + r) < 2,
+    |d_next(k)| <= max(1 - l(k) (b_low - r), l(k) (b_high + r) - 1) max_{j<=k} |d(j)|,
 
-whatever positive phi(k, i) the estimator gives, and however phi differs between samples. Samples that a trial did
+which is less than max |d| if b_low > r and l_max (b_high + r) < 2, whatever positive phi(k, i) the estimator gives,
+and however phi differs between samples. Samples that a trial did
 not reach keep d. (The box must hold the trajectories of u, of u*, and of the inputs between them, all from the
 same initial state; measurement noise is left out.) So max |d| never grows, and shrinks wherever trials reach:
 monotone convergence. With weights, the same holds for max_k |d(k)| a^k when r is replaced by
@@ -24,6 +25,7 @@ import numpy as np
 from models.plant import Plant
 from verification.checks.assumptions import lifted_along
 from verification.checks.domain import described
+from verification.checks.premises import no_noise, one_channel, reference_within, same_but_for_the_input
 from verification.checks.row_sums import SlopeBounds, off_diagonal, slope_bounds
 from verification.enclosure.box import Box
 from workbench.contracts.verdict import Finding, Standing, undecided
@@ -55,9 +57,16 @@ def _first_gain(law: Any) -> float:
     return float(law.rho * phi / (law.lam + phi**2) * law.force_unit)
 
 
+def _factor(law: Any, slopes: SlopeBounds, r: float) -> float:
+    """Return by how much the largest input error shrinks in a trial while phi stays at phi(k,1)."""
+    gain = _first_gain(law)
+    return max(1 - gain * (slopes.gain_low - r), gain * (slopes.gain_high + r) - 1)
+
+
 def _slopes(plant: Plant, evidence: Evidence, box: Box) -> SlopeBounds | Finding:
     """Bound the increment's slopes over a box, or say why the theorem says nothing there."""
-    outside = _outside(evidence)
+    study = evidence.study
+    outside = _outside(evidence) or one_channel(plant) or same_but_for_the_input(study) or no_noise(study)
     if outside:
         return undecided(outside)
     slopes = slope_bounds(plant, box, increment=True)
@@ -77,7 +86,10 @@ def monotone(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     r = float(off_diagonal(slopes, n).max())
     gain = largest_gain(evidence.law)
     if slopes.gain_low > r and gain * (slopes.gain_high + r) < 2:
-        factor = 1 - _first_gain(evidence.law) * (slopes.gain_low - r)
+        left = reference_within(evidence.study, box)
+        if left:
+            return undecided(left)
+        factor = _factor(evidence.law, slopes, r)
         return Finding(
             standing=Standing.PROVED,
             margin=(slopes.gain_low - r) / slopes.gain_low,
@@ -129,7 +141,10 @@ def weighted(plant: Plant, evidence: Evidence, box: Box) -> Finding:
         return Finding(
             standing=Standing.UNDECIDED, margin=2 - reach, unit="1", witness=witness, method="l_max (b + r) reaches 2"
         )
-    factor = 1 - _first_gain(evidence.law) * (slopes.gain_low - r)
+    left = reference_within(evidence.study, box)
+    if left:
+        return undecided(left)
+    factor = _factor(evidence.law, slopes, r)
     edge = largest_weight(slopes, n, 1.0)
     return Finding(
         standing=Standing.PROVED,

@@ -18,7 +18,7 @@ from workbench.sets import Polytope
 from workbench.sets.array import Array
 
 SLACK = 1e-7
-"""What rounding may add to a cost, relative to the cost at the start."""
+"""What rounding may add to a cost, relative to the cost at the start, but at least to the problem's `cost_size`."""
 
 
 def deciding(law: RMPC | RSMPC) -> CondensedQP:
@@ -30,9 +30,11 @@ def starts(law: RMPC | RSMPC, number: int, *, seed: int) -> Iterator[Array]:
     """Yield errors inside the feasible set, from near its centre to its edge."""
     random, problem = np.random.default_rng(seed), deciding(law)
     center = problem.inside()
+    spread = problem.spread(center)
     for index in range(number):
-        direction = random.normal(size=center.size)
+        direction = random.normal(size=center.size) * spread
         reach = problem.edge(center, direction).distance
+        reach = reach if np.isfinite(reach) else 1.0
         yield center + (0.999, 0.7, 0.4, 0.1)[index % 4] * reach * direction
 
 
@@ -50,7 +52,7 @@ def nominal_decrease(law: RMPC, *, runs: int = 12, steps: int = 25, seed: int = 
             if not isinstance(after, Plan):
                 return undecided(f"no plan at e = {after_e.tolist()}: {after.reason}")
             stage = float(e @ tube.Q @ e + tube.R * before.du[0] ** 2)
-            slack = (before.J - stage - after.J) / max(1.0, before.J)
+            slack = (before.J - stage - after.J) / max(law.problem.program.cost_size, before.J)
             looked += 1
             if slack < worst:
                 worst, witness = slack, {"e": e, "J": before.J, "stage cost": stage, "J next": after.J}
@@ -73,10 +75,10 @@ def disturbed_decrease(law: RMPC) -> Finding:
     if not isinstance(after, Plan):
         return undecided(after.reason)
     stage = float(e @ tube.Q @ e + tube.R * before.du[0] ** 2)
-    slack = before.J - stage - after.J
+    slack = (before.J - stage - after.J) / law.problem.program.cost_size
     return _never_below(
         slack,
-        "1",
+        "of the size of J",
         {"e": e, "w": w, "J": before.J, "stage cost": stage, "J next": after.J},
         "one sample from rest under a disturbance at a vertex of W",
     )
@@ -96,7 +98,7 @@ def suboptimality(law: RSMPC, *, runs: int = 8, steps: int = 500, seed: int = 0)
                 return undecided(f"no plan at sample {k} from e = {first.tolist()}: {decision.infeasible}")
             spent += float(e @ tube.Q @ e + tube.R * decision.du**2)
             e = tube.plant.A @ e + tube.plant.b * decision.du
-        slack = (law.beta * best.J - spent) / max(1.0, best.J)
+        slack = (law.beta * best.J - spent) / max(law.problem(1).program.cost_size, best.J)
         if slack < worst:
             worst, witness = slack, {"e": first, "beta J": law.beta * best.J, "spent": spent, "e at the end": e}
     return _never_below(
@@ -116,10 +118,10 @@ def disturbed_suboptimality(law: RSMPC, *, steps: int = 100) -> Finding:
         decision, memory = law.act(memory, e)
         spent += float(e @ tube.Q @ e + tube.R * decision.du**2)
         e = tube.plant.A @ e + tube.plant.b * decision.du + tube.plant.A_delay @ w
-    slack = law.beta * best.J - spent
+    slack = (law.beta * best.J - spent) / law.problem(1).program.cost_size
     return _never_below(
         slack,
-        "1",
+        "of the size of J",
         {"e": np.zeros(tube.plant.order), "w at each sample": w, "beta J": law.beta * best.J, "spent": spent},
         f"{steps} samples from rest under a constant disturbance at a vertex of W; it grows without end",
     )
@@ -150,7 +152,7 @@ def recursive_feasibility(
     )
     if found.witness is None:
         margin = VIOLATION_TOLERANCE - found.worst_violation
-        return Finding(standing=Standing.SUPPORTED, margin=margin, unit="units of the bound", method=method)
+        return Finding(standing=Standing.SUPPORTED, margin=margin, unit="of the bounds' width", method=method)
     w = found.witness
     return Finding(
         standing=Standing.REFUTED,

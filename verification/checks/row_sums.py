@@ -15,8 +15,11 @@ import casadi as ca
 import numpy as np
 
 from models.plant import Plant
-from verification.enclosure.bounds import bound
+from verification.checks.slope import slope
+from verification.enclosure.bounds import Attained, Bounds, bound
 from verification.enclosure.box import Box
+from verification.enclosure.smoothness import continuous_on
+from workbench.graph import Unreadable, read
 
 BUDGET = 600  # boxes an entry
 
@@ -24,6 +27,9 @@ BUDGET = 600  # boxes an entry
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SlopeBounds:
     """Rigorous bounds over a box, of a plant whose relative degree is 1; magnitudes rounded up.
+
+    They bound differences only because the plant was shown to be continuous on the box: it may have kinks there,
+    but no jump, pole or end of a domain.
 
     ``reason`` says why something could not be bounded (its bound is then infinite), else None.
     """
@@ -38,6 +44,8 @@ class SlopeBounds:
     """Smallest ds(k+1)/du(k)."""
     gain_high: float
     """Largest ds(k+1)/du(k)."""
+    steepest: Attained | None
+    """A point of the box and what ds(k+1)/du(k) is there: the largest magnitude that was found."""
     reason: str | None
 
 
@@ -49,29 +57,48 @@ def slope_bounds(plant: Plant, box: Box, *, increment: bool = False, budget: int
     if increment:
         signal = signal - plant.measured(at["x"])[0]
     nx = len(plant.states)
+    step = ca.Function("step", list(at.values()), [x_next, signal], list(at), ["x_next", "signal"])
+    try:
+        graph = read(step)
+    except Unreadable as error:
+        return _unbounded(nx, str(error))
+    continuous = continuous_on(graph, box)
+    if not continuous.proved:
+        return _unbounded(
+            nx, f"the plant is not shown to be continuous, so slopes bound no difference: {continuous.reason}"
+        )
     reasons: list[str] = []
 
-    def ends(expression: Any) -> tuple[float, float]:
-        expression = ca.densify(ca.simplify(expression))
-        if expression.is_constant():
-            value = float(expression)
-            return value, value
-        one = ca.Function("slope", list(at.values()), [expression], list(at), ["slope"])
-        found = bound(one, box, budget=budget, tolerance=1e-3 * 1e-6)
+    def ends(of: str, by: str, row: int, column: int) -> Bounds:
+        found = bound(slope(graph, of, by, row, column), box, budget=budget, tolerance=1e-3 * 1e-6)
         if not np.isfinite([found.lower, found.upper]).all():
             reasons.append(found.reason or "no bound found")
-        return found.lower, found.upper
+        return found
 
-    def magnitude(expression: Any) -> float:
-        low, high = ends(expression)
-        return max(abs(low), abs(high))
+    def magnitude(of: str, by: str, row: int, column: int) -> float:
+        found = ends(of, by, row, column)
+        return max(abs(found.lower), abs(found.upper))
 
-    slopes = ca.jacobian(x_next, at["x"]), ca.jacobian(x_next, at["u"][0]), ca.jacobian(signal, at["x"])
-    a = np.array([[magnitude(slopes[0][i, j]) for j in range(nx)] for i in range(nx)])
-    b = np.array([magnitude(slopes[1][i]) for i in range(nx)])
-    c = np.array([magnitude(slopes[2][0, j]) for j in range(nx)])
-    low, high = ends(ca.jacobian(signal, at["u"][0]))
-    return SlopeBounds(a=a, b=b, c=c, gain_low=low, gain_high=high, reason=reasons[0] if reasons else None)
+    a = np.array([[magnitude("x_next", "x", i, j) for j in range(nx)] for i in range(nx)])
+    b = np.array([magnitude("x_next", "u", i, 0) for i in range(nx)])
+    c = np.array([magnitude("signal", "x", 0, j) for j in range(nx)])
+    gain = ends("signal", "u", 0, 0)
+    steepest = [one for one in (gain.attained_min, gain.attained_max) if one is not None]
+    steepest.sort(key=lambda one: -max(one.lower, -one.upper))
+    return SlopeBounds(
+        a=a,
+        b=b,
+        c=c,
+        gain_low=gain.lower,
+        gain_high=gain.upper,
+        steepest=steepest[0] if steepest else None,
+        reason=reasons[0] if reasons else None,
+    )
+
+
+def _unbounded(states: int, reason: str) -> SlopeBounds:
+    whole, row = np.full((states, states), np.inf), np.full(states, np.inf)
+    return SlopeBounds(a=whole, b=row, c=row, gain_low=-np.inf, gain_high=np.inf, steepest=None, reason=reason)
 
 
 def off_diagonal(slopes: SlopeBounds, samples: int, weight: float = 1.0) -> Any:

@@ -9,16 +9,17 @@ import numpy as np
 from verification.enclosure.exact_schur import closed_loop, proved_schur
 from workbench.contracts.verdict import Finding, Standing, undecided
 from workbench.predictive import Tube
-from workbench.predictive.regulator import decrease, lmi
+from workbench.predictive.regulator import decrease, lmi, relative
 from workbench.sets import TOLERANCE, minimal_rpi, spectral_radius
 from workbench.sets.array import Array
+from workbench.sets.balance import state_units
 from workbench.sets.linear_program import minimise
 
 ROUNDING = 1e-9
-"""Residual of a matrix equation that counts as rounding, relative to the largest entry of P."""
+"""Residual of a matrix equation that counts as rounding, relative to P, state by state."""
 
 FAR = 1e3
-"""Where a set without end in some direction is looked at."""
+"""How many times its width beyond a face a set without end in that direction is looked at."""
 
 FLOAT = "floating point; nothing here rounds outward"
 
@@ -31,7 +32,9 @@ def schur(tube: Tube) -> Finding:
     if radius >= 1:
         method = "eigenvalues in floating point"
         return Finding(standing=Standing.REFUTED, margin=1 - radius, unit="1", witness=witness, method=method)
-    if proved_schur(closed_loop(tube.plant.A, tube.plant.b, tube.K)):
+    units = state_units(tube.A_cl)  # powers of two: the same loop, exactly
+    A = tube.plant.A * units / units[:, None]
+    if proved_schur(closed_loop(A, tube.plant.b / units, tube.K * units)):
         return Finding(
             standing=Standing.PROVED,
             margin=1 - radius,
@@ -61,39 +64,45 @@ def hurwitz_as_printed(tube: Tube) -> Finding:
 def lyapunov(tube: Tube) -> Finding:
     """Equality in (19): the residual of P = A_cl'P A_cl + Q + R K'K is rounding."""
     residual = decrease(tube.A_cl, tube.K, tube.Q, tube.R, tube.P)
-    size = float(np.abs(residual).max()) / max(1.0, float(np.abs(tube.P).max()))
-    i, j = np.unravel_index(int(np.argmax(np.abs(residual))), residual.shape)
+    shares = np.abs(relative(residual, tube.P, tube.Q))
+    i, j = np.unravel_index(int(np.argmax(shares)), residual.shape)
+    size = float(shares[i, j])
     return Finding(
         standing=Standing.SUPPORTED if size <= ROUNDING else Standing.REFUTED,
         margin=ROUNDING - size,
-        unit="of the largest entry of P",
+        unit="of P",
         witness={"row": int(i), "column": int(j), "residual": float(residual[i, j]), "P": tube.P},
-        method=f"residual {size:.3g} of the largest entry of P; {FLOAT}",
+        method=f"residual {size:.3g} of P, each state in the unit in which P has a one; {FLOAT}",
     )
 
 
 def lmi20(tube: Tube) -> Finding:
     """The matrix of (20) is positive semidefinite."""
-    values, vectors = np.linalg.eigh(lmi(tube.A_cl, tube.K, tube.Q, tube.R, tube.P))
-    least, scale = float(values[0]), max(1.0, float(np.abs(tube.P).max()))
+    matrix, n = lmi(tube.A_cl, tube.K, tube.Q, tube.R, tube.P), tube.plant.order
+    # a congruence that gives P, and with it the stage cost, ones on the diagonal: signs of eigenvalues stay
+    own = np.diag(relative(np.eye(n), tube.P, tube.Q)) ** 0.5
+    scale = np.r_[own, np.ones(n + 1)]
+    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    least = float(values[0])
     return Finding(
-        standing=Standing.SUPPORTED if least >= -ROUNDING * scale else Standing.REFUTED,
-        margin=least + ROUNDING * scale,
-        unit="1",
-        witness={"eigenvalue": least, "eigenvector": vectors[:, 0]},
-        method=f"smallest eigenvalue, 0 but for rounding ({ROUNDING:g} of P) where (19) is an equality; {FLOAT}",
+        standing=Standing.SUPPORTED if least >= -ROUNDING else Standing.REFUTED,
+        margin=least + ROUNDING,
+        unit="of P",
+        witness={"eigenvalue": least, "eigenvector": vectors[:, 0] * scale},
+        method=f"smallest eigenvalue, each state in the unit in which P has a one: 0 but for rounding ({ROUNDING:g}) "
+        f"where (19) is an equality; {FLOAT}",
     )
 
 
 def tube_inside(tube: Tube) -> Finding:
     """Z, the tube in the end, lies inside Sigma; (16)."""
     minimal = minimal_rpi(tube.A_cl, tube.W_z)
-    room = tube.Sigma.h - minimal.support(tube.Sigma.H)
+    room = (tube.Sigma.h - minimal.support(tube.Sigma.H)) / tube.Sigma.sizes
     worst = int(np.argmin(room))
     return Finding(
         standing=Standing.SUPPORTED if room[worst] >= -TOLERANCE else Standing.REFUTED,
         margin=float(room[worst]),
-        unit="distance to the nearest face",
+        unit="of Sigma's width",
         witness={"face": tube.Sigma.labels[worst], "point": minimal.partial.extreme(tube.Sigma.H[worst])},
         method=f"support function of Z, its tail bounded, along each of {len(room)} faces; {FLOAT}",
     )
@@ -101,47 +110,48 @@ def tube_inside(tube: Tube) -> Finding:
 
 def rpi(tube: Tube) -> Finding:
     """Sigma is robust positively invariant: A_cl Sigma + A^l W lies inside Sigma."""
-    unit = tube.Sigma.normalized()
-    push = tube.W_z.support(unit.H)
+    Sigma = tube.Sigma
     worst, at = -np.inf, {}
-    for row, offset, label, reach in zip(unit.H, unit.h, unit.labels, push, strict=True):
-        answer = minimise(-(row @ tube.A_cl), unit.H, unit.h)
+    for row, offset, size, label in zip(Sigma.H, Sigma.h, Sigma.sizes, Sigma.labels, strict=True):
+        ahead = row @ tube.A_cl
+        answer = minimise(-ahead, Sigma.H, Sigma.h)
         if answer.status == "unbounded":  # a point far out says the same and can be replayed
-            rows = np.vstack([unit.H, np.eye(unit.dimension), -np.eye(unit.dimension)])
-            answer = minimise(-(row @ tube.A_cl), rows, np.r_[unit.h, np.full(2 * unit.dimension, FAR)])
+            answer = minimise(-ahead, np.vstack([Sigma.H, ahead]), np.r_[Sigma.h, offset + FAR * size])
         if answer.status != "optimal":
             return undecided(f"the linear program along '{label}' came out {answer.status}")
-        excess = float(-answer.value + reach - offset)
-        if excess > worst:
-            worst, at = excess, {"face": label, "e": answer.x, "w": tube.W_z.extreme(row)}
+        w = tube.W_z.extreme(row)
+        excess = (Sigma.H @ (tube.A_cl @ answer.x + w) - Sigma.h) / Sigma.sizes
+        face = int(np.argmax(excess))
+        if excess[face] > worst:
+            worst, at = float(excess[face]), {"face": Sigma.labels[face], "e": answer.x, "w": w}
     return Finding(
         standing=Standing.SUPPORTED if worst <= TOLERANCE else Standing.REFUTED,
         margin=TOLERANCE - worst,
-        unit="distance",
+        unit="of Sigma's width",
         witness={**at, "leaves by": worst},
-        method=f"one linear program a face, {len(unit.h)} faces, residual allowed {TOLERANCE:g}; {FLOAT}",
+        method=f"one linear program a face, {len(Sigma.h)} faces, residual allowed {TOLERANCE:g} of the width; {FLOAT}",
     )
 
 
 def horizon27(tube: Tube, N: int) -> Finding:
     """R_{M+N}^M lies inside Sigma for every hold M = 1 ... N-1; (27)."""
     excess = {M: tube.held_excess(M, N) for M in range(1, N)}
-    worst = max(excess, key=lambda M: excess[M][0])
-    out = {M: value for M, (value, _) in excess.items() if value > TOLERANCE}
+    worst = max(excess, key=lambda M: excess[M].share)
+    out = {M: found for M, found in excess.items() if found.share > TOLERANCE}
     first = min(out, default=worst)
     reach = tube.R_hold(first, first + N)
-    face = int(np.argmax(reach.support(tube.Sigma.H) - tube.Sigma.h))
+    face = tube.Sigma.labels.index(excess[first].label)
     witness: dict[str, Any] = {
         "M": first,
-        "face": excess[first][1],
+        "face": excess[first].label,
         "point of the tube": reach.extreme(tube.Sigma.H[face]),
-        "excess by M": {M: value for M, (value, _) in excess.items()},
+        "excess by M": {M: found.distance for M, found in excess.items()},
     }
     said = f"fails for M = {', '.join(map(str, out))}, which are never offered; " if out else ""
     return Finding(
         standing=Standing.REFUTED if out else Standing.SUPPORTED,
-        margin=-excess[worst][0],
-        unit="distance to the nearest face",
+        margin=-excess[worst].share,
+        unit="of Sigma's width",
         witness=witness,
         method=f"{said}support function of each tube along every face of Sigma; {FLOAT}",
     )
@@ -165,7 +175,8 @@ def tightening_sound(
             drawn = plant.W.center + signs @ plant.W.generators.T
             extreme = [np.array([plant.W.extreme(row @ m) for m in maps]) for row in bounds.H]
             for w in (*extreme, *drawn):
-                slack = bounds.h - kept.h - bounds.H @ _simulated(tube, w.reshape(len(maps), plant.order), i, M)
+                moved = bounds.H @ _simulated(tube, w.reshape(len(maps), plant.order), i, M)
+                slack = (bounds.h - kept.h - moved) / bounds.sizes
                 simulated, row = simulated + 1, int(np.argmin(slack))
                 if slack[row] < worst:
                     worst = float(slack[row])
@@ -174,7 +185,7 @@ def tightening_sound(
     return Finding(
         standing=Standing.SUPPORTED if worst >= -TOLERANCE else Standing.REFUTED,
         margin=worst + TOLERANCE,
-        unit="units of the bound",
+        unit="of the bounds' width",
         witness=witness,
         method=f"{simulated} simulated disturbance sequences, the extreme one of every bound and stage among them",
     )

@@ -305,11 +305,13 @@ def _equations(study: Any) -> Iterator[Equations]:
 
 def _drawn(report: Report, folder: Path, shown: Progress) -> list[Drawn]:
     """Draw every figure once, as files, and return what the page shows of each."""
+    from workbench.trials.glyphs import said_together
+
     folder.mkdir()
     plain = {name: Figure(caption=_titled(name), draw=draw) for name, draw in report.campaign.figures().items()}
     figures = dict(report.figures) | {name: one for name, one in plain.items() if name not in report.figures}
     drawn: list[Drawn] = []
-    with shown(len(figures), "figures") as advance:
+    with said_together(), shown(len(figures), "figures") as advance:
         for name, figure in figures.items():
             try:
                 write_figures({name: figure.draw}, folder)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from workbench.contracts.examination import Table
-from workbench.contracts.law import learns_increment
 from workbench.contracts.verdict import Standing, Verdict
 
 BROKEN = {
@@ -113,9 +112,9 @@ def _sentences(d: Any, own: Mapping[str, Verdict], repaired: Sequence[str]) -> l
         )
     text += _increment(own) or _lifted(own)
     text += _estimate(d, own)
-    if broken and not learns_increment(d.law) and repaired:
+    if broken and d.law.learns_on != "increment" and repaired:
         text.append(f"What to do: use {_listed(repaired)}, proved to converge over its box without measurement noise.")
-    elif broken and not learns_increment(d.law) and e.degree == 1:
+    elif broken and d.law.learns_on != "increment" and e.degree == 1:
         text.append(
             "What to do: learn on the increment of the output (the law Increment), and verify again: there "
             "convergence can be proved from the plant's equations."

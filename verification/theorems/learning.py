@@ -13,7 +13,6 @@ from verification.checks.domain import domain
 from verification.enclosure.box import Box
 from verification.theorems import conclusion
 from workbench.contracts.examination import Examination, Figure
-from workbench.contracts.law import Estimating, Learning, learns_increment
 from workbench.contracts.number import finite
 from workbench.contracts.verdict import Claim
 from workbench.evidence import figures as plots_ppd
@@ -42,7 +41,8 @@ class Dossier:
     @cached_property
     def box(self) -> Box:
         """The box that proofs are stated for."""
-        return domain(self.plant, self.evidence.trajectories)
+        drawn = [one.w for one in self.study.inputs()] if self.plant.disturbances else []
+        return domain(self.plant, self.evidence.trajectories, np.hstack(drawn) if drawn else None)
 
     @cached_property
     def error_map(self) -> convergence.Monotone | str:
@@ -113,7 +113,7 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
 def dossiers(campaign: Campaign) -> list[Dossier]:
     """Return a dossier for every controller that learns and ran at least two trials."""
     names = [str(name) for name in campaign.data["controller"].values]
-    learners = [name for name in names if isinstance(campaign.study.controllers[name], Learning)]
+    learners = [name for name in names if campaign.study.controllers[name].learns_on is not None]
     return [Dossier(campaign, name) for name in learners if trials_done(campaign, name) >= 2]
 
 
@@ -170,7 +170,7 @@ def claims_of(d: Dossier) -> list[Claim]:
             lambda: assumptions.data_model(plant, d.evidence, d.box),
         ),
     ]
-    if isinstance(d.law, Estimating) and convergence.is_cfdl(d.law):
+    if d.law.estimator is not None:
         found += [
             claim(
                 "estimator",
@@ -217,7 +217,7 @@ def claims_of(d: Dossier) -> list[Claim]:
             lambda: convergence.peak(d.mse, d.predicted_mse),
         ),
     ]
-    if learns_increment(d.law) and convergence.is_cfdl(d.law):
+    if d.law.learns_on == "increment" and d.law.estimator is not None:
         found += [
             claim(
                 "increment_monotone",
@@ -263,7 +263,7 @@ def scores(campaign: Campaign, files: Sequence[Dossier]) -> Mapping[str, Mapping
             "ppd_ratio_abs_max": float(np.abs(ratio).max()) if ratio.size else None,
             "lipschitz_lifted": float((off + own).max()),
         }
-        if convergence.is_cfdl(d.law):
+        if d.law.estimator is not None:
             factor = d.adaptation.factor[np.isfinite(d.adaptation.factor)]
             error = e.relative_error()
             metrics |= {
@@ -305,7 +305,7 @@ def figures(files: Sequence[Dossier], full: bool) -> Mapping[str, Figure]:
                 "and run from the first trial's error with the recorded trial lengths.",
                 draw=partial(plots_ppd.predicted_against_observed, name, d.predicted_mse, d.mse, unit=d.mse_unit),
             )
-        if convergence.is_cfdl(d.law):
+        if d.law.estimator is not None:
             found |= _adaptive_figures(d, full)
     return found
 

@@ -1,17 +1,14 @@
-"""The contract of a controller: a law within the trial, and a learning between trials.
-
-A controller is a :func:`models.quantity.declared` dataclass with ``source``, ``start`` and ``act``. What else it
-can do it says by having the method: ``learn`` (:class:`Learning`), ``ready`` (:class:`Stateful`), ``place``
-(:class:`Placing`), ``ppd_estimate`` (:class:`Estimating`), ``tell`` (:class:`Telling`), ``refusal``
-(:class:`Choosy`). All of them are pure functions that work on CasADi values; the fold turns them into one compiled
-function a trial.
-"""
+"""The contract of a law, what it is told, and what a trial leaves it to learn from."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol, final
 
 from models.plant import Signal
+
+LearnedSignal = Literal["output", "increment"]
+"""What a law learns on: the output y(k+1), or its increment y(k+1) - y(k)."""
 
 
 class Task(NamedTuple):
@@ -49,78 +46,110 @@ class Trial(NamedTuple):
     """The law's acting state after each sample, a NamedTuple of rows with N columns, or ()."""
 
 
-@runtime_checkable
-class Controller(Protocol):
-    """Every controller: where it comes from, its memory before the first trial, and its input at a sample."""
+class Estimator(Protocol):
+    """The parameters of a law that estimates a pseudo partial derivative phi and steps by rho phi/(lam + phi^2).
 
-    source: str
+    phi moves by eta du/(mu + du^2) times the innovation, and is reset where it or du is below eps.
+    """
 
+    @property
+    def eta(self) -> float:
+        """Step of the estimate, 1."""
+
+    @property
+    def rho(self) -> float:
+        """Step of the input, 1."""
+
+    @property
+    def lam(self) -> float:
+        """Weight on input changes, (output/force unit)^2."""
+
+    @property
+    def mu(self) -> float:
+        """Weight on estimate changes, (force unit)^2."""
+
+    @property
+    def eps(self) -> float:
+        """Reset threshold of estimate and input change, force unit."""
+
+    @property
+    def force_unit(self) -> float:
+        """The unit that the law computes in."""
+
+    def first_estimate(self) -> Any:
+        """Return the estimate of the first trial."""
+
+
+class Law(ABC):
+    """A law within the trial, and a learning between trials.
+
+    A law is a :func:`models.quantity.declared` dataclass. It gives ``source``, ``start`` and ``act``, and once what
+    else it can do; all the rest has a neutral default. Every method is a pure function that works on CasADi values:
+    the fold turns them into one compiled function a trial.
+    """
+
+    source: ClassVar[str]
+    """Where it comes from: paper and equations, or "ours", with the year."""
+    learns_on: ClassVar[LearnedSignal | None] = None
+    """The signal whose error it learns on between trials; None where it does not learn."""
+    tells: ClassVar[tuple[Signal, ...]] = ()
+    """What it tells of itself beside its input: what it learned, a gain by sample."""
+    solves_per_sample: ClassVar[int] = 0
+    """How many optimisation problems it solves at a sample."""
+
+    def __init_subclass__(cls) -> None:
+        """Raise TypeError for a law that learns or tells and does not say on what, or of what."""
+        super().__init_subclass__()
+        if cls.learn is not Law.learn and cls.learns_on is None:
+            raise TypeError(f'{cls.__name__} has learn, so it must say learns_on = "output" or "increment"')
+        if cls.tell is not Law.tell and not cls.tells:
+            raise TypeError(f"{cls.__name__} has tell, so it must name the signals that it tells: tells = signals(...)")
+
+    @abstractmethod
     def start(self, task: Task) -> Any:
         """Return the memory before the first trial: a NamedTuple of CasADi values.
 
         A field with N or N + 1 columns holds one column a sample; a field with one column is the same for all.
         """
 
+    @abstractmethod
     def act(self, memory_k: Any, state: Any, r: Any, r_next: Any, y: Any) -> tuple[Any, Any]:
         """Return the input (in the order of the plant's inputs) and the law's next acting state.
 
         memory_k is the memory at the sample, r and r_next the reference now and next, y the measured output.
         """
 
-
-@runtime_checkable
-class Learning(Protocol):
-    """A controller that learns between trials."""
-
-    def learn(self, memory: Any, trial: Trial) -> Any:
-        """Return the memory for the next trial."""
-
-
-@runtime_checkable
-class Stateful(Protocol):
-    """A controller whose law has a state of its own within the trial (an integral, a filter, weights)."""
-
     def ready(self, memory: Any) -> Any:
-        """Return the acting state at the beginning of a trial, a NamedTuple of columns."""
-
-
-@runtime_checkable
-class Placing(Protocol):
-    """A controller that also sets where the next trial begins (initial-state learning)."""
+        """Return the acting state at the beginning of a trial, a NamedTuple of columns; () for a law without."""
+        return ()
 
     def place(self, memory: Any, x0: Any) -> Any:
         """Return the initial state, a column, given the one that the study would start from."""
+        return x0
 
-
-@runtime_checkable
-class Estimating(Protocol):
-    """A controller that estimates the pseudo partial derivative."""
+    def learn(self, memory: Any, trial: Trial) -> Any:
+        """Return the memory for the next trial."""
+        return memory
 
     def ppd_estimate(self, memory: Any) -> Any:
-        """Return the estimate that the trial's input is computed with, (1, N), output units per input unit."""
-
-
-@runtime_checkable
-class Telling(Protocol):
-    """A controller that tells more of itself than its input: what it learned, a gain by sample."""
-
-    tells: tuple[Signal, ...]
+        """Return the estimate that the trial's input is computed with, (1, N), output units per input unit, or None."""
+        return None
 
     def tell(self, memory: Any, trial: Trial) -> Any:
         """Return one row (1, N) a signal of ``tells``, given the memory that the trial ran with."""
-
-
-@runtime_checkable
-class Choosy(Protocol):
-    """A controller that does not suit every study."""
+        return ()
 
     def refusal(self, study: Any) -> str | None:
-        """Return why it cannot be used in the study, or None."""
+        """Return why it cannot be used in a study, or None."""
+        return None
 
+    @property
+    def estimator(self) -> Estimator | None:
+        """The parameters of its estimate of the pseudo partial derivative, None for a law without."""
+        return None
 
-def learns_increment(law: Any) -> bool:
-    """Tell whether a law learns on y(k+1) - y(k) instead of y(k+1): its estimate is of that signal's PPD.
-
-    A law says so with a class attribute ``learns_increment = True``.
-    """
-    return bool(getattr(law, "learns_increment", False))
+    @final
+    @property
+    def keeps_state(self) -> bool:
+        """Whether it acts with a state of its own within the trial (an integral, a filter, weights)."""
+        return type(self).ready is not Law.ready

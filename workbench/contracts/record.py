@@ -34,6 +34,6 @@ class TrialRecord(NamedTuple):
     applied: Any
     """The input that acted behind the plant's actuators, (nu, N), or an empty array for a plant without."""
     told: Any
-    """What a :class:`~workbench.contracts.law.Telling` law tells, one row a signal, (nt, N)."""
+    """What a law tells, one row a signal, (nt, N)."""
     memory: tuple[Any, ...] = ()
     """The memory that the trial was run with, where it was asked for; shapes as in ``start``."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from models.plant import Signal
 from models.quantity import InvalidValue, choice, count, declared, quantity, table
-from workbench.contracts.law import Task, Trial
+from workbench.contracts.law import Law, Task, Trial
 from workbench.controllers.parts import immune
 
 INPUTS, OUTPUTS = 4, 2
@@ -41,7 +41,7 @@ class Acting(NamedTuple):
 
 
 @declared
-class BPFIPID:
+class BPFIPID(Law):
     """FIPID with p1, p2 from a network (4 inputs, tanh nodes, 2 outputs) that learns by back-propagation.
 
     Deviations, where the paper is silent or lost: the sign of the finite difference (y(k) - y(k-1))/(u(k) - u(k-1))

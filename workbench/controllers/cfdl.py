@@ -6,8 +6,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
-from models.quantity import declared, quantity
-from workbench.contracts.law import Task, Trial
+from models.quantity import declared
+from workbench.contracts.law import LearnedSignal, Task, Trial
 from workbench.controllers.parts.ppd_estimator import Parameters
 from workbench.controllers.parts.rows import constant_row, known
 
@@ -30,8 +30,7 @@ class CFDL(Parameters):
     """
 
     source: ClassVar[str] = "Jiao & Hou 2025, (11)-(13)"
-
-    force_unit: float = quantity(default=100.0, unit="N", doc="the unit that the law computes forces in", above=0)
+    learns_on: ClassVar[LearnedSignal | None] = "output"
 
     def refusal(self, study: Any) -> str | None:
         """Return the refusal of trial lengths that vary."""

@@ -8,7 +8,7 @@ import casadi as ca
 
 from models.plant import Signal
 from models.quantity import choice, declared, quantity
-from workbench.contracts.law import Task, Trial
+from workbench.contracts.law import Law, Task, Trial
 from workbench.controllers.parts import immune
 
 
@@ -31,7 +31,7 @@ class Acting(NamedTuple):
 
 
 @declared
-class FIPID:
+class FIPID(Law):
     """u(k) = u(k-1) + (p1 - p2 f)(De + ki' e + kd' D2e), p1 = K, p2 = K eta, f = f(u(k-1), Du(k-1)).
 
     Ours: the memberships and the mean of maxima over 101 points, which the paper names without numbers; the choice

@@ -5,19 +5,20 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from models.quantity import choice, declared, quantity, switch
-from workbench.contracts.law import Task, Trial
+from workbench.contracts.law import Law, LearnedSignal, Task, Trial
 from workbench.controllers.parts import d_type
 from workbench.controllers.parts.d_type import Memory
 
 
 @declared
-class FixedGain:
+class FixedGain(Law):
     """F <- F + lam d/dt e_v, x(0) <- x(0) + lam0 e(0); outputs are position and speed.
 
     Ours: d/dt as the forward difference over a sample, F_0 the reference's acceleration.
     """
 
     source: ClassVar[str] = "Nanjing Institute of Technology, patent application 2017, (3), (5), with a constant gain"
+    learns_on: ClassVar[LearnedSignal | None] = "output"
 
     lam: float = quantity(default=1.0, unit="1", doc="learning gain", above=0)
     lam0: float = quantity(default=0.6, unit="1", doc="lambda_0, gain of initial-state learning", above=0, below=2)

@@ -6,8 +6,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
-from models.quantity import declared, quantity
-from workbench.contracts.law import Task, Trial
+from models.quantity import declared
+from workbench.contracts.law import LearnedSignal, Task, Trial
 from workbench.controllers.parts.ppd_estimator import Parameters
 from workbench.controllers.parts.rows import constant_row, known
 
@@ -32,8 +32,7 @@ class ICFDL(Parameters):
     """
 
     source: ClassVar[str] = "Jiao & Hou 2025, (13)-(15)"
-
-    force_unit: float = quantity(default=100.0, unit="N", doc="the unit that the law computes forces in", above=0)
+    learns_on: ClassVar[LearnedSignal | None] = "output"
 
     def start(self, task: Task) -> Memory:
         """Return the initial plan and phi0; no trial is known yet."""

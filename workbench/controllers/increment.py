@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 
 from models.quantity import declared, quantity
-from workbench.contracts.law import Task, Trial
+from workbench.contracts.law import LearnedSignal, Task, Trial
 from workbench.controllers.parts import zero_phase
 from workbench.controllers.parts.ppd_estimator import Parameters
 from workbench.controllers.parts.rows import constant_row, known
@@ -36,7 +36,7 @@ class Increment(Parameters):
     """
 
     source: ClassVar[str] = "ours, after Jiao & Hou 2025, (13)-(15)"
-    learns_increment: ClassVar[bool] = True
+    learns_on: ClassVar[LearnedSignal | None] = "increment"
 
     force_unit: float = quantity(default=10_000.0, unit="N", doc="the unit that the law computes forces in", above=0)
     q_cutoff_hz: float | None = quantity(

@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from models.quantity import declared, part, quantity
-from workbench.contracts.law import Choosy, Learning, Stateful, Task, Trial
+from workbench.contracts.law import Law, LearnedSignal, Task, Trial
 
 
 @declared
-class Odometry:
+class Odometry(Law):
     """A law whose outputs are position (m) and speed (m/s), given the speed alone: the position is integrated.
 
     Ours. Position and reference position are sums of speed times the sampling time, from 0 at the beginning of a
@@ -22,15 +22,20 @@ class Odometry:
 
     source: ClassVar[str] = "ours, 2026: an adapter, the law within has its own source"
 
-    law: Any = part(doc="the law within")
+    law: Law = part(doc="the law within")
     speed_unit: float = quantity(default=1.0, unit="output per m/s", doc="the plant's speed unit", above=0)
     input_unit: float = quantity(default=1.0, unit="plant's input/input", doc="the law's input unit", above=0)
+
+    @property
+    def learns_on(self) -> LearnedSignal | None:  # type: ignore[override]  # what the law within learns on
+        """What the law within learns on."""
+        return self.law.learns_on
 
     def refusal(self, study: Any) -> str | None:
         """Return the refusal of a plant that does not measure a speed, or the law's own."""
         if len(study.plant.outputs) != 1 or study.plant.outputs[0].name != "speed":
             return f"{type(self.law).__name__} on odometry needs a plant that measures a speed, nothing else"
-        return self.law.refusal(study) if isinstance(self.law, Choosy) else None
+        return self.law.refusal(study)
 
     def start(self, task: Task) -> Any:
         """Return the law's memory for the reference of position and speed."""
@@ -44,7 +49,7 @@ class Odometry:
 
     def ready(self, memory: Any) -> Any:
         """Return the law's state, with position and reference position 0."""
-        return self._state(self.law.ready(memory) if isinstance(self.law, Stateful) else (), 0, 0)
+        return self._state(self.law.ready(memory), 0, 0)
 
     def act(self, memory_k: Any, state: Any, r: Any, r_next: Any, y: Any) -> tuple[Any, Any]:
         """Return the law's input at position and speed, and the state after a sample."""
@@ -62,7 +67,7 @@ class Odometry:
 
     def learn(self, memory: Any, trial: Trial) -> Any:
         """Return what the law learns from positions and speeds."""
-        if not isinstance(self.law, Learning):
+        if self.law.learns_on is None:
             return memory
         y = ca.vertcat(ca.horzcat(0, trial.state.position), trial.y / self.speed_unit)
         r = ca.vertcat(ca.horzcat(0, trial.state.reference_position), trial.r / self.speed_unit)
@@ -76,6 +81,6 @@ class Odometry:
 
     def _inner(self, memory: Any, state: Any) -> Any:
         """Return the law's own part of a state, in its own type."""
-        if not isinstance(self.law, Stateful):
+        if not self.law.keeps_state:
             return ()
         return type(self.law.ready(memory))(*state[:-2])

@@ -8,7 +8,7 @@ import casadi as ca
 
 from models.plant import Signal, signals
 from models.quantity import declared, given, quantity
-from workbench.contracts.law import Task, Trial
+from workbench.contracts.law import Law, LearnedSignal, Task, Trial
 from workbench.controllers.parts.nominal_model import NominalModel, lacking, needed
 from workbench.controllers.parts.shuttle_force import base_force, errors, late_by
 
@@ -31,7 +31,7 @@ class State(NamedTuple):
 
 
 @declared
-class PALC:
+class PALC(Law):
     """u = M dv_d/dt + D(v) - M [(alpha + lam) e_v + alpha lam e_x] + d_hat, d_hat(t) = d_hat(t - P) - k S(t).
 
     d_hat is 0 in the first period; learning acts within the period, with the S of the same instant. ``late`` is
@@ -39,6 +39,7 @@ class PALC:
     """
 
     source: ClassVar[str] = "Zhang, Nan, Cao et al., PALC of a maglev train, (8)-(13)"
+    learns_on: ClassVar[LearnedSignal | None] = "output"
     tells: ClassVar[tuple[Signal, ...]] = signals(line_resistance=("N", "learned line resistance"))
 
     model: NominalModel | None = given(default=None, doc="what the law knows of what it moves; the study gives it")

@@ -8,7 +8,7 @@ import casadi as ca
 
 from models.plant import Signal, signals
 from models.quantity import declared, given, quantity
-from workbench.contracts.law import Task, Trial
+from workbench.contracts.law import Law, LearnedSignal, Task, Trial
 from workbench.controllers.parts import zero_phase
 from workbench.controllers.parts.nominal_model import NominalModel, lacking, needed
 from workbench.controllers.parts.shuttle_force import base_force, errors, late_by
@@ -26,7 +26,7 @@ class Memory(NamedTuple):
 
 
 @declared
-class FilteredPALC:
+class FilteredPALC(Law):
     """d_hat <- Q[d_hat - k S(t - P + lead)], the force otherwise as PALC's. Ours.
 
     Learning happens between periods, so the whole last period is at hand: Q is a zero-phase low-pass filter, and the
@@ -35,6 +35,7 @@ class FilteredPALC:
     """
 
     source: ClassVar[str] = "ours, after Zhang, Nan, Cao et al., PALC of a maglev train, (12)-(13)"
+    learns_on: ClassVar[LearnedSignal | None] = "output"
     tells: ClassVar[tuple[Signal, ...]] = signals(line_resistance=("N", "learned line resistance"))
 
     model: NominalModel | None = given(default=None, doc="what the law knows of what it moves; the study gives it")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, ClassVar, NamedTuple
 
 from models.quantity import declared, quantity
-from workbench.contracts.law import Task, Trial
+from workbench.contracts.law import Law, LearnedSignal, Task, Trial
 from workbench.controllers.parts.rows import constant_row, known
 
 
@@ -16,7 +16,7 @@ class Memory(NamedTuple):
 
 
 @declared
-class PD:
+class PD(Law):
     """PD-type ILC with errors set to zero after a trial's end (doi 10.7641/CTA.2024.30465).
 
     Ours: it computes in units of ``force_unit``, like the laws it is compared with; the published gains are
@@ -24,6 +24,7 @@ class PD:
     """
 
     source: ClassVar[str] = "Jiao & Hou 2025, (18)"
+    learns_on: ClassVar[LearnedSignal | None] = "output"
 
     kp: float = quantity(default=4.46, unit="force unit/output", doc="gain on the next sample's error")
     kd: float = quantity(default=1000.0, unit="force unit/output", doc="gain on this sample's error")

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 
 from models.quantity import declared, quantity
-from workbench.contracts.law import Task
+from workbench.contracts.law import Law, Task
 
 
 class Memory(NamedTuple):
@@ -24,7 +24,7 @@ class Acting(NamedTuple):
 
 
 @declared
-class PID:
+class PID(Law):
     """u(k) = kp e(k) + ki Ts sum of e + kd (e(k) - e(k-1))/Ts, in units of ``input_unit``; no learning, no limits."""
 
     source: ClassVar[str] = "Astrom & Hagglund, PID Controllers, 1995, positional form"

@@ -15,7 +15,7 @@ from workbench.predictive.quadratic_program import Infeasible
 from workbench.predictive.tube import Tube
 
 COST_TOLERANCE = 1e-9
-"""By how much J^M may exceed J^1 and still count as no larger: rounding, absolute."""
+"""By how much J^M may exceed J^1 and still count as no larger: rounding, a share of `WarmQP.cost_size`."""
 
 
 class Selection(NamedTuple):
@@ -51,7 +51,11 @@ class RSMPC:
         structural=True,
     )
     tolerance: float = quantity(
-        default=COST_TOLERANCE, unit="1", doc="tolerance of the comparison of costs", least=0, structural=True
+        default=COST_TOLERANCE,
+        unit="1",
+        doc="tolerance of the comparison of costs, see cost_size",
+        least=0,
+        structural=True,
     )
     contained: bool = switch(
         default=True,
@@ -108,13 +112,13 @@ class RSMPC:
         once = self.plan(e, 1)
         if isinstance(once, Infeasible):
             return once
-        qps = 1
+        qps, slack = 1, self.tolerance * self.problem(1).program.cost_size
         for M in reversed(self.offered):
             if M == 1:
                 break
             held = self.plan(e, M)
             qps += 1
-            if not isinstance(held, Infeasible) and held.J <= once.J + self.tolerance:
+            if not isinstance(held, Infeasible) and held.J <= once.J + slack:
                 return Selection(plan=held, M=M, qps=qps)
         return Selection(plan=once, M=1, qps=qps)
 

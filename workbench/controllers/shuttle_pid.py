@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 
 from models.quantity import declared, given, quantity
-from workbench.contracts.law import Task, Trial
+from workbench.contracts.law import Law, LearnedSignal, Task, Trial
 from workbench.controllers.parts.nominal_model import NominalModel, lacking, needed
 from workbench.controllers.parts.shuttle_force import base_force, errors
 
@@ -26,7 +26,7 @@ class State(NamedTuple):
 
 
 @declared
-class ShuttlePID:
+class ShuttlePID(Law):
     """u = M dv_d/dt + D(v) - M [(alpha + lam) e_v + alpha lam e_x] - Ki integral of e_x.
 
     Ours, as the paper's gains are lost: the same PD terms, feed-forward and compensation as PALC has; the integral
@@ -34,6 +34,7 @@ class ShuttlePID:
     """
 
     source: ClassVar[str] = "Zhang, Nan, Cao et al., PALC of a maglev train, the PID of figures 4-12"
+    learns_on: ClassVar[LearnedSignal | None] = "output"
 
     model: NominalModel | None = given(default=None, doc="what the law knows of what it moves; the study gives it")
     alpha: float = quantity(default=0.4, unit="1/s", doc="gain on S", above=0)

@@ -10,7 +10,7 @@ import casadi as ca
 from models.actuator import Actuator
 from models.plant import Signal, signals
 from models.quantity import InvalidValue, count, declared, quantity
-from workbench.contracts.law import Task, Trial
+from workbench.contracts.law import Law, Task, Trial
 
 
 class Memory(NamedTuple):
@@ -31,7 +31,7 @@ class Acting(NamedTuple):
 
 
 @declared
-class TrackingMPC:
+class TrackingMPC(Law):
     """Minimise sum (r - y)^2 + weight sum (change of u)^2 over a horizon, u constant in blocks between its limits.
 
     The model is y(k+1) = a y(k) + b u(k) + d, with d the last model error, low-pass filtered, so that tracking has

@@ -8,14 +8,14 @@ import casadi as ca
 
 from models.plant import Signal, signals
 from models.quantity import declared, quantity, switch
-from workbench.contracts.law import Task, Trial
+from workbench.contracts.law import Law, LearnedSignal, Task, Trial
 from workbench.controllers.parts import d_type, zero_phase
 from workbench.controllers.parts.d_type import Memory
 from workbench.controllers.parts.rows import known
 
 
 @declared
-class VariableGain:
+class VariableGain(Law):
     """F <- F + lambda_k(t) d/dt e_v, x(0) <- x(0) + lambda_0 e(0); outputs are position and speed.
 
     Ours, where the published text is silent or lost: the modifier lambda = lam_min + (1 - lam_min)/(1 + exp(-
@@ -26,6 +26,7 @@ class VariableGain:
     """
 
     source: ClassVar[str] = "Nanjing Institute of Technology, patent application 2017, (3)-(6)"
+    learns_on: ClassVar[LearnedSignal | None] = "output"
     tells: ClassVar[tuple[Signal, ...]] = signals(learning_gain=("1", "learning gain lambda"))
 
     lam_min: float = quantity(default=0.3, unit="1", doc="least learning gain", above=0, most=1)

@@ -13,10 +13,9 @@ import xarray as xr
 from models.actuator import Actuator
 from models.plant import Plant
 from models.quantity import InvalidValue, count, declared, given, part, quantity
-from workbench.contracts.law import Choosy, Learning
+from workbench.contracts.law import Law
 from workbench.contracts.number import finite
-from workbench.contracts.study import Folded, Measures, Progress, Scores
-from workbench.controllers.odometry import Odometry
+from workbench.contracts.study import Folded, Measures, Progress, Scores, Study
 from workbench.design.candidates import Candidate, candidates
 from workbench.design.tuning import Tuned, tune
 from workbench.fold.fold import build, stream
@@ -30,7 +29,7 @@ NEAR_FINAL = 1.1
 
 
 @declared
-class Comparison:
+class Comparison(Study):
     """Laws on one plant, each tuned on the plant as it is believed to be and run on the plant as it is.
 
     Tuning minimises the mean MSE of the last 5 of ``trials`` trials (of 5 trials for a law that does not learn), with
@@ -97,7 +96,7 @@ class Comparison:
         study = self.study(self.controllers, true=True, seed=self.seed)
         found = {}
         for name, law in study.controllers.items():
-            reason = law.refusal(study) if isinstance(law, Choosy) else None
+            reason = law.refusal(study)
             if reason is None:
                 try:
                     build(study.plant, law, study.horizon)
@@ -189,7 +188,7 @@ class Comparison:
         nothing = dict.fromkeys(next(iter(found.values())))
         return found | {str(name): dict(nothing) for name in data["refused_law"].values}
 
-    def _scored(self, one: xr.Dataset, law: Any) -> tuple[dict[str, float | None], dict[str, float | None]]:
+    def _scored(self, one: xr.Dataset, law: Law) -> tuple[dict[str, float | None], dict[str, float | None]]:
         """Return the metrics of what was learned, and of what it took."""
         mse = one["mse"].values
         whole = bool(np.isfinite(mse).all())
@@ -200,7 +199,7 @@ class Comparison:
             "trials_needed": (float(near[-1] + 2) if near.size else 1.0) if whole else None,
         }
         spent: dict[str, float | None] = {
-            "solves": float(getattr(law, "solves_per_sample", 0) * (one.sizes["sample"] - 1) * mse.size),
+            "solves": float(law.solves_per_sample * (one.sizes["sample"] - 1) * mse.size),
             "evaluations": float(one.sizes["evaluation"]),
         }
         return learned, spent
@@ -212,9 +211,9 @@ class Comparison:
         return comparison_figures(self, data)
 
 
-def learns(law: Any) -> bool:
-    """Tell whether a law learns between trials, looking into an adapter."""
-    return isinstance(law.law if isinstance(law, Odometry) else law, Learning)
+def learns(law: Law) -> bool:
+    """Tell whether a law learns between trials."""
+    return law.learns_on is not None
 
 
 def _tuning_seed(seed: int) -> int:

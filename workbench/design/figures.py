@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from matplotlib import pyplot as plt
 
-from workbench.trials.figures import COLOURS, DASHES, STYLE, ran
+from workbench.trials.figures import COLOURS, DASHES, STYLE, in_legend, ran
 
 MANY = (*COLOURS, "#882255", "#999933", "#332288", "#88CCEE", "#AA4499")
 
@@ -29,10 +29,10 @@ def comparison(sampling_time: float, data: xr.Dataset) -> Any:
         figure, ((by_trial, by_evaluation), (error, force)) = plt.subplots(2, 2, figsize=(11.0, 7.6))
         for index, name in enumerate(names):
             one = data.sel(controller=name)
-            by_trial.semilogy(data["trial"], one["mse"], **_style(index), label=name)
+            by_trial.semilogy(data["trial"], one["mse"], **_style(index), label=in_legend(name))
             spent = np.minimum.accumulate(one["tuning_mse"].values)
             by_evaluation.semilogy(
-                data["evaluation"], np.where(np.isfinite(spent), spent, np.nan), **_style(index), label=name
+                data["evaluation"], np.where(np.isfinite(spent), spent, np.nan), **_style(index), label=in_legend(name)
             )
             error.plot(time, one["error"].isel(trial=-1), **_style(index), linewidth=1.0)
             force.plot(time, one[applied].isel(trial=-1) / 1e3, **_style(index), linewidth=0.8)

@@ -14,7 +14,6 @@ import numpy as np
 
 from models.plant import Plant
 from models.quantity import InvalidValue
-from workbench.contracts.law import learns_increment
 from workbench.evidence.trajectory import Lineariser, Trajectories, partial, recorded
 from workbench.trials.campaign import Campaign
 
@@ -28,6 +27,8 @@ class Evidence:
     """
 
     controller: str
+    study: Any
+    """The study that ran: what trials began with, and what disturbed them."""
     law: Any
     degree: int
     increment: bool
@@ -103,7 +104,7 @@ def evidence(campaign: Campaign, controller: str) -> Evidence:
     if degree is None:
         raise InvalidValue(f"no output of {study.plant.name} depends on its first input within 200 samples")
     law = study.controllers[controller]
-    increment = learns_increment(law)
+    increment = law.learns_on == "increment"
     taken = recorded(campaign, controller)
     trials, n = taken.u.shape
     m = n - degree + 1
@@ -125,6 +126,7 @@ def evidence(campaign: Campaign, controller: str) -> Evidence:
         ratio = np.where(du != 0, ds / du, np.nan)
     return Evidence(
         controller=controller,
+        study=study,
         law=law,
         degree=degree,
         increment=increment,

@@ -14,13 +14,13 @@ from typing import Any
 
 import casadi as ca
 
+from models.function_name import function_name
 from models.plant import Plant
 from models.quantity import symbolised
-from workbench.contracts.law import Estimating, Learning, Placing, Stateful, Task, Telling, Trial
+from workbench.contracts.law import Law, Task, Trial
 from workbench.fold.sample import Sample, like, one_sample
 
 MEMORY = "memory_"
-ABILITIES = (Learning, Stateful, Placing, Estimating, Telling)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Equations:
     """A digest of all that a Function made of these equations depends on: serialised expressions, names, sizes."""
     plant: Plant = dataclasses.field(compare=False)
     """The plant, its quantities SX symbols."""
-    law: Any = dataclasses.field(compare=False)
+    law: Law = dataclasses.field(compare=False)
     """The law, its quantities entries of p."""
     samples: int = dataclasses.field(compare=False)
     symbols: dict[str, ca.SX] = dataclasses.field(compare=False)
@@ -54,7 +54,7 @@ class Equations:
     sample: Sample = dataclasses.field(compare=False)
 
 
-def equations(plant: Plant, law: Any, samples: int) -> Equations:
+def equations(plant: Plant, law: Law, samples: int) -> Equations:
     """Ask plant and law for their equations over N samples.
 
     Raises InvalidValue where step, output or act give values of the wrong shape.
@@ -65,7 +65,7 @@ def equations(plant: Plant, law: Any, samples: int) -> Equations:
     symbols = dict(zip(names, [*plant_sx.symbols, *law_sx.symbols], strict=True))
     p = ca.MX.sym("p", len(names))
     pieces = iter(ca.vertsplit(p)[len(plant_sx.names) :] if names else [])
-    law_mx = symbolised(law, lambda name: next(pieces)).thing
+    law_mx: Law = symbolised(law, lambda name: next(pieces)).thing
     given = {
         "x0": ca.MX.sym("x0", nx),
         "length": ca.MX.sym("length"),
@@ -76,25 +76,25 @@ def equations(plant: Plant, law: Any, samples: int) -> Equations:
         "sampling_time": ca.MX.sym("sampling_time"),
     }
     begun = law_mx.start(Task(given["r"], given["sampling_time"]))
-    fields = [MEMORY + name for name in getattr(begun, "_fields", ())]
+    fields = [MEMORY + function_name(name) for name in getattr(begun, "_fields", ())]
     first = tuple(ca.densify(ca.MX(value)) for value in begun)
     kept = {name: ca.MX.sym(name, *value.shape) for name, value in zip(fields, first, strict=True)}
     memory = like(begun, list(kept.values()))
-    begin = law_mx.place(memory, given["x0"]) if isinstance(law, Placing) else given["x0"]
-    ready = law_mx.ready(memory) if isinstance(law, Stateful) else ()
+    begin, ready = law_mx.place(memory, given["x0"]), law_mx.ready(memory)
     sample = one_sample(plant_sx.thing, law_sx.thing, memory, ready, samples)
 
     rows = {"y": (ny, samples + 1), "e": (ny, samples + 1), "u": (nu, samples), "reached": (1, samples + 1)}
     left = {name: ca.MX.sym(name, *shape) for name, shape in rows.items()}
     state = like(ready, [ca.MX.sym(f"s{i}", field.shape[0], samples) for i, field in enumerate(sample.state)])
     trial = Trial(given["r"], left["y"], left["e"], left["u"], left["reached"], state)
+    estimate = law_mx.ppd_estimate(memory)
     between = {
         "first": first,
         "begin": (begin,),
         "ready": ready,
-        "learned": law_mx.learn(memory, trial) if isinstance(law, Learning) else (),
-        "told": law_mx.tell(memory, trial) if isinstance(law, Telling) else (),
-        "estimate": (law_mx.ppd_estimate(memory),) if isinstance(law, Estimating) else (),
+        "learned": law_mx.learn(memory, trial),
+        "told": law_mx.tell(memory, trial) if law_mx.tells else (),
+        "estimate": () if estimate is None else (estimate,),
     }
     asked = [given[name] for name in ("x0", "r", "p", "sampling_time")]
     within = [sample.x_next, *sample.state_next, sample.u, sample.y, sample.applied]
@@ -102,7 +102,6 @@ def equations(plant: Plant, law: Any, samples: int) -> Equations:
         samples,
         plant.name,
         type(law).__name__,
-        [isinstance(law, ability) for ability in ABILITIES],
         names,
         fields,
         [(name, len(values)) for name, values in between.items()],

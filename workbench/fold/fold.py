@@ -15,9 +15,10 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from models.function_name import function_name
 from models.plant import Plant
 from models.quantity import InvalidValue, symbolised
-from workbench.contracts.law import Estimating, Learning, Telling, Trial
+from workbench.contracts.law import Law, Trial
 from workbench.contracts.record import TrialInput, TrialRecord
 from workbench.fold.equations import MEMORY, Equations, equations
 from workbench.fold.sample import Sample, like, without_time
@@ -39,7 +40,7 @@ class Fold:
     """
 
     plant: Plant
-    law: Any
+    law: Law
     samples: int
     parameters: tuple[str, ...]
     values: tuple[float, ...]
@@ -58,7 +59,7 @@ class Fold:
         """Names of those that are the law's own: all but the rows that depend on time alone."""
         return tuple(name for name in self.memory if name != TIMETABLE)
 
-    def values_of(self, law: Any) -> tuple[float, ...]:
+    def values_of(self, law: Law) -> tuple[float, ...]:
         """Return the parameters' values with another law of the same class and structure."""
         return symbolised(self.plant).values + symbolised(law).values
 
@@ -90,7 +91,7 @@ class Fold:
         return ca.Function("campaign", list(given.values()), [result[o] for o in outputs], list(given), outputs)
 
 
-def build(plant: Plant, law: Any, samples: int) -> Fold:
+def build(plant: Plant, law: Law, samples: int) -> Fold:
     """Return the fold of a plant and a controller over N samples, N at least 2.
 
     Raises InvalidValue where step, output, act or learn give values of the wrong shape.
@@ -136,8 +137,9 @@ def _functions(asked: Equations) -> tuple[ca.Function, ca.Function]:
     squared = ca.if_else(ca.repmat(reached[1:], ny, 1), (r - y)[:, 1:] ** 2, 0)
     seen = y + given["noise"]
     left = Trial(r, seen, r - seen, u, reached, folded.state)
-    learned = law.learn(memory, left) if isinstance(law, Learning) else memory
-    told = ca.vertcat(*law.tell(memory, left)) if isinstance(law, Telling) else ca.MX(0, samples)
+    learned = law.learn(memory, left)
+    told = ca.vertcat(*law.tell(memory, left)) if law.tells else ca.MX(0, samples)
+    estimate = law.ppd_estimate(memory)
     _same_shapes(law, fields, kept, learned)
     results = {
         **{f"{name}_next": ca.densify(value) for name, value in zip(fields, learned, strict=True)},
@@ -146,13 +148,13 @@ def _functions(asked: Equations) -> tuple[ca.Function, ca.Function]:
         "u": ca.densify(u),
         "x": ca.densify(x),
         "y": ca.densify(y),
-        "estimate": ca.densify(law.ppd_estimate(memory) if isinstance(law, Estimating) else ca.MX(1, 0)),
+        "estimate": ca.densify(ca.MX(1, 0) if estimate is None else estimate),
         "mse": ca.sum1(ca.sum2(squared)) / given["length"],
         "applied": ca.densify(folded.applied),
         "told": ca.densify(told),
     }
     trial = ca.Function(
-        f"trial_{plant.name}_{type(law).__name__.lower()}",
+        f"trial_{function_name(plant.name)}_{function_name(type(law).__name__.lower())}",
         [*kept, *timed.values(), *handed.values()],
         list(results.values()),
         [*fields, *timed, *handed],
@@ -203,7 +205,7 @@ def _with_parameters(value: ca.SX, x: ca.SX, symbols: dict[str, ca.SX]) -> ca.Fu
     return ca.Function("at_end", [x, ca.vertcat(*symbols.values())], [value])
 
 
-def _same_shapes(law: Any, fields: Sequence[str], before: Sequence[Any], after: Any) -> None:
+def _same_shapes(law: Law, fields: Sequence[str], before: Sequence[Any], after: Any) -> None:
     for name, old, new in zip(fields, before, after, strict=True):
         if tuple(old.shape) != tuple(new.shape):
             raise InvalidValue(
@@ -236,7 +238,7 @@ def stream(
     told = {"r": _flat(r), "p": p}  # buffers keep no reference: what they are handed must outlive them
     first = _begun(fold, told)
     own = ((name, first[name]) for name in fold.law_memory)
-    for (name, field), start in zip(own, memory or (), strict=memory is not None):
+    for (name, field), start in zip(own, () if memory is None else memory, strict=memory is not None):
         given_field = _flat(ca.DM(start).full())
         if field.size != given_field.size:
             raise InvalidValue(f"{name} must hold {field.size} number(s), got {given_field.size}")

@@ -76,6 +76,21 @@ class Graph:
 
     def __post_init__(self) -> None:
         """Raise ValueError where the data is no graph."""
+        for lookup in self.lookups:
+            table = self.tables[lookup.table] if 0 <= lookup.table < len(self.tables) else None
+            if table is None or not 0 <= lookup.output < table.outputs or len(lookup.orders) != table.dimensions:
+                raise ValueError(f"a lookup of {self.name} must read an output of a table of its, got {lookup}")
+            if min(lookup.orders) < 0:
+                raise ValueError(f"a lookup of {self.name} must be differentiated 0 times or more, got {lookup}")
+        for port in self.inputs:
+            if len(set(port.places)) != len(port.places) or len(port.labels) != len(port.places):
+                raise ValueError(f"input {port.name} of {self.name} must name every place once")
+            self._inside(port.name, port.shape, port.places)
+        for result in self.outputs:
+            places = [(entry.row, entry.column) for entry in result.entries]
+            if len(set(places)) != len(places):
+                raise ValueError(f"output {result.name} of {self.name} must name every place once")
+            self._inside(result.name, result.shape, places)
         coordinates = self.coordinates
         for place, node in enumerate(self.nodes):
             if any(not 0 <= arg < place for arg in node.args):
@@ -93,6 +108,10 @@ class Graph:
         for result in self.outputs:
             if any(not 0 <= entry.node < len(self.nodes) for entry in result.entries):
                 raise ValueError(f"output {result.name} of {self.name} must name nodes that exist")
+
+    def _inside(self, name: str, shape: tuple[int, int], places: Sequence[tuple[int, int]]) -> None:
+        if any(not (0 <= row < shape[0] and 0 <= column < shape[1]) for row, column in places):
+            raise ValueError(f"{name} of {self.name} must have places within its shape {shape}")
 
     @property
     def coordinates(self) -> int:

@@ -44,8 +44,9 @@ def critical(nodes: Sequence[Operated], node: Operated) -> Critical | None:
     if node.op == "div" and nodes[node.args[1]].op == CONSTANT:
         return None if nodes[node.args[1]].value != 0 else OPERATIONS["div"].critical
     if node.op not in ("pow", "constpow"):
-        known = OPERATIONS.get(node.op)
-        return known.critical if known else None
+        known = OPERATIONS[node.op].critical if node.op in OPERATIONS else None
+        held = all(nodes[arg].op == CONSTANT for arg in node.args)
+        return None if known and known.edge and held else known  # a number at the end of a domain moves nowhere
     exponent = nodes[node.args[1]]
     if exponent.op != CONSTANT:
         return _FREE_BASE

@@ -12,14 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.quantity import InvalidValue
-from workbench.predictive.quadratic_program import FEASIBILITY_TOLERANCE, Infeasible, WarmQP
+from workbench.predictive.quadratic_program import FEASIBILITY_TOLERANCE, Infeasible, WarmQP, sensitivity
 from workbench.predictive.tube import Tube
 from workbench.sets import Polytope
 from workbench.sets.array import Array, checked
-from workbench.sets.linear_program import minimise
+from workbench.sets.balance import state_units
+from workbench.sets.linear_program import SolverFailed, minimise
 
 IMMOVABLE = 1e-12
-"""A row moves with the inputs if its coefficients exceed this; the others are checked and not handed to the solver."""
+"""A row moves with the inputs if the cost that moves the most sensitive row by its size moves this one by such a share
+of its own; the others are checked and not handed to the solver."""
 
 
 class Plan(NamedTuple):
@@ -44,8 +46,8 @@ class Plan(NamedTuple):
 class Edge(NamedTuple):
     """Where a line leaves the set of errors from which a problem is feasible.
 
-    `distance` is the largest feasible t of origin + t * direction (-inf if there is none, NaN if the solver failed);
-    `normal`, shape (n,), points out of the set there.
+    `distance` is the largest feasible t of origin + t * direction (-inf if there is none, inf if there is no end);
+    `normal`, shape (n,), points out of the set there and is NaN unless the distance is finite.
     """
 
     distance: float
@@ -79,6 +81,8 @@ class CondensedQP:
     """Shape (m,)."""
     S: Array
     """Shape (m, n)."""
+    sizes: Array
+    """What tolerances of the rows are shares of, shape (m,): the widths of the sets that they are from."""
     fixed: Polytope
     """The rows that no input moves, as a set of e_0."""
     labels: tuple[str, ...]
@@ -106,7 +110,7 @@ class CondensedQP:
         room = image[:last] + self._offsets
         if last > moving and np.minimum.reduce(room[moving:]) < -FEASIBILITY_TOLERANCE:
             worst = int(np.argmin(room[moving:]))
-            missing = -float(room[moving + worst])
+            missing = -float(room[moving + worst] * self.fixed.sizes[worst])
             reason = f"'{self.fixed.labels[worst]}' misses by {missing:.6g} and no input can change it"
             return Infeasible(reason=reason, shortfall=missing)
         pull = self._costs.dot(start)
@@ -129,12 +133,13 @@ class CondensedQP:
 
     @cached_property
     def _maps(self) -> Array:
-        maps: Array = np.vstack([-self.S, -self.fixed.H, self.Phi.reshape(-1, self.Phi.shape[2])])
+        shares = self.fixed.H / self.fixed.sizes[:, None]
+        maps: Array = np.vstack([-self.S, -shares, self.Phi.reshape(-1, self.Phi.shape[2])])
         return maps
 
     @cached_property
     def _offsets(self) -> Array:
-        return np.concatenate([self.g, self.fixed.h])
+        return np.concatenate([self.g, self.fixed.h / self.fixed.sizes])
 
     @cached_property
     def _costs(self) -> Array:
@@ -151,10 +156,12 @@ class CondensedQP:
     @cached_property
     def program(self) -> WarmQP:
         """The solver, set up at first use; it remembers its last active set and nothing else."""
-        return WarmQP(self.hessian, self.G, self.labels)
+        return WarmQP(self.hessian, self.G, self.labels, sizes=self.sizes)
 
     def inside(self) -> Array:
         """An error, shape (n,), from which the problem is feasible with as much room in every row as can be had.
+
+        Room is a share of the size of the set that the row is from, so that units do not matter.
 
         Raises
         ------
@@ -163,23 +170,49 @@ class CondensedQP:
         """
         inputs, n = len(self.free), self.Phi.shape[1]
         joint = np.block([[self.G, self.S], [np.zeros((len(self.fixed.h), inputs)), self.fixed.H]])
-        rows = Polytope(H=joint, h=np.r_[self.g, self.fixed.h], labels=self.labels + self.fixed.labels)
+        rows = Polytope(
+            H=joint,
+            h=np.r_[self.g, self.fixed.h],
+            labels=self.labels + self.fixed.labels,
+            scale=np.r_[self.sizes, self.fixed.sizes],
+        )
         conflict = rows.conflict()
         if conflict is not None:
             raise InvalidValue(f"the problem is feasible from nowhere: {conflict}; make the disturbance smaller")
-        return rows.chebyshev()[0][-n:]
+        return rows.deepest()[0][-n:]
 
-    def edge(self, origin: ArrayLike, direction: ArrayLike, *, limit: float = 1e6) -> Edge:
-        """How far the problem stays feasible from `origin` along `direction`, both of shape (n,), by one LP."""
+    def edge(self, origin: ArrayLike, direction: ArrayLike) -> Edge:
+        """How far the problem stays feasible from `origin` along `direction`, both of shape (n,), by one LP.
+
+        Raises
+        ------
+        SolverFailed
+            If the linear program has no answer that can be believed.
+        """
         n = self.Phi.shape[1]
         origin, direction = checked("origin", origin, (n,)), checked("direction", direction, (n,))
         inputs = len(self.free)
         states = np.vstack([self.S, self.fixed.H])
         moves = np.vstack([self.G, np.zeros((len(self.fixed.h), inputs))])
-        rows = np.block([[moves, (states @ direction)[:, None]], [np.zeros((1, inputs)), np.ones((1, 1))]])
-        room = np.r_[np.r_[self.g, self.fixed.h] - states @ origin, limit]
+        rows = np.hstack([moves, (states @ direction)[:, None]])
+        room = np.r_[self.g, self.fixed.h] - states @ origin
         answer = minimise(np.r_[np.zeros(inputs), -1.0], rows, room)
-        return Edge(distance=-answer.value, normal=answer.prices[:-1] @ states)
+        if answer.status == "failed":
+            raise SolverFailed(f"how far a problem of {len(room)} rows stays feasible could not be found")
+        return Edge(distance=-answer.value, normal=answer.prices @ states)
+
+    def spread(self, origin: ArrayLike) -> Array:
+        """How far from `origin`, shape (n,), the problem stays feasible along each state, the farther of both ways.
+
+        Directions of this size, shape (n,), look at every state alike, whatever its unit. A state without end gets
+        what the others have, in units in which the plant's entries are near one.
+        """
+        n = self.Phi.shape[1]
+        reach = np.array([max(self.edge(origin, sign * unit).distance for sign in (1, -1)) for unit in np.eye(n)])
+        ended = np.isfinite(reach) & (reach > 0)
+        units = state_units(self.Phi[1])
+        reach[~ended] = (units * (reach[ended] / units[ended]).max(initial=0.0))[~ended]
+        return np.where(reach > 0, reach, units)
 
 
 def condense(
@@ -227,20 +260,24 @@ def condense(
     states = [bound.H @ Phi[i] for i, bound in enumerate(bounds)]
     labels = [f"{label} at i = {i}" for i, bound in enumerate(bounds) for label in bound.labels]
     G, S, g = np.vstack(rows), np.vstack(states), np.concatenate([bound.h for bound in bounds])
-    moves = np.abs(G).max(axis=1, initial=0.0) > IMMOVABLE
+    sizes = np.concatenate([bound.sizes for bound in bounds])
     hessian = 2 * (np.einsum("iap,iab,ibq->pq", Gamma, weights, Gamma) + R)
+    hessian = (hessian + hessian.T) / 2
+    moved = sensitivity(hessian, G) / sizes
+    moves = moved > IMMOVABLE * moved.max(initial=0.0)
     names = np.array(labels, dtype=object)
     return CondensedQP(
         Phi=Phi,
         Gamma=Gamma,
         free=samples,
-        hessian=(hessian + hessian.T) / 2,
+        hessian=hessian,
         gradient=2 * np.einsum("iap,iab,ibn->pn", Gamma, weights, Phi),
         constant=np.einsum("iam,iab,ibn->mn", Phi, weights, Phi),
         G=G[moves],
         g=g[moves],
         S=S[moves],
-        fixed=Polytope(H=S[~moves], h=g[~moves], labels=tuple(names[~moves])),
+        sizes=sizes[moves],
+        fixed=Polytope(H=S[~moves], h=g[~moves], labels=tuple(names[~moves]), scale=sizes[~moves]),
         labels=tuple(names[moves]),
     )
 

@@ -11,6 +11,13 @@ from numpy.typing import ArrayLike
 from models.quantity import InvalidValue
 from workbench.predictive.delayed_plant import DelayedPlant
 from workbench.sets.array import Array, checked
+from workbench.sets.balance import state_units
+
+REST_TOLERANCE = 1e-9
+"""How far a rest may miss, relative to the terms that cancel, the states in units in which the plant is near one."""
+
+FREE_TOLERANCE = 1e-10
+"""Which singular values of I - A are zero but for rounding, relative to the largest, in the same units."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,11 +49,18 @@ class DisturbanceModel:
         object.__setattr__(self, "Q", checked("Q", self.Q, (n, n)))
         if not np.any(self.E):
             raise InvalidValue("E must not be zero: there is nothing to estimate")
-        gap = float(np.abs((np.eye(n) - self.plant.A) @ self.shift - self.E).max())
-        if gap > 1e-9 * float(np.abs(self.E).max()):
+        drift = np.eye(n) - self.plant.A
+        gap = np.abs(drift @ self.shift - self.E)
+        terms = (np.abs(drift) @ np.abs(self.shift) + np.abs(self.E)) / self._units
+        if np.any(gap / self._units > REST_TOLERANCE * terms.max()):
             raise InvalidValue(
-                f"a constant disturbance along E must leave the plant a rest, got {gap:.3g} that no input makes up for"
+                f"a constant disturbance along E must leave the plant a rest, got {gap.max():.3g} that no input makes "
+                "up for"
             )
+
+    @cached_property
+    def _units(self) -> Array:
+        return state_units(self.plant.A, self.plant.b, self.E)
 
     @cached_property
     def shift(self) -> Array:
@@ -55,14 +69,16 @@ class DisturbanceModel:
         (I - A) delta = E leaves the integrators' states open; they are chosen to make delta'Q delta least. If that is
         not zero the plant comes to rest off the reference, by delta d, and no choice of the law can help it.
         """
-        gap = np.eye(self.plant.order) - self.plant.A
-        some = np.linalg.lstsq(gap, self.E, rcond=None)[0]
+        units = self._units
+        gap = np.eye(self.plant.order) - self.plant.A * units / units[:, None]
+        some = np.linalg.lstsq(gap, self.E / units, rcond=None)[0]
         _, size, vectors = np.linalg.svd(gap)
-        free = vectors[size <= 1e-10 * size[0]].T
-        value, basis = np.linalg.eigh(self.Q)
+        free = vectors[size <= FREE_TOLERANCE * size[0]].T
+        weight = self.Q * np.outer(units, units)
+        value, basis = np.linalg.eigh(weight / (np.abs(weight).max(initial=0.0) or 1.0))
         root = np.sqrt(np.clip(value, 0, None))[:, None] * basis.T
         step = np.linalg.lstsq(root @ free, -root @ some, rcond=None)[0] if free.size else np.zeros(0)
-        return checked("shift", some + free @ step, (self.plant.order,))
+        return checked("shift", (some + free @ step) * units, (self.plant.order,))
 
     def estimate(self, before: ArrayLike, du: float, after: ArrayLike) -> float:
         """d(k-1) from the errors at k-1 and k, shape (n,), and du(k-1-l): least squares along E."""

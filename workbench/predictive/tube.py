@@ -6,18 +6,28 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from models.quantity import InvalidValue
 from workbench.predictive.delayed_plant import DelayedPlant
-from workbench.predictive.regulator import decrease, lqr, symmetric_weight, terminal_weight
+from workbench.predictive.regulator import decrease, lqr, relative, symmetric_weight, terminal_weight
 from workbench.sets import TOLERANCE, Polytope, Zonotope, maximal_rpi, reachable, require_schur
 from workbench.sets.array import Array, checked
 
 DECREASE_TOLERANCE = 1e-8
-"""How far (19) may miss, relative to the largest entry of P: rounding of a Lyapunov solver."""
+"""How far (19) may miss, relative to P, state by state: rounding of a Lyapunov solver."""
+
+
+class Excess(NamedTuple):
+    """By how much a tube leaves Sigma at worst, and the bound it leaves through; inside if not positive."""
+
+    share: float
+    """Of Sigma's width along that bound: this decides."""
+    distance: float
+    label: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,8 +84,9 @@ class Tube:
         object.__setattr__(self, "K", checked("K", self.K, (n,)))
         object.__setattr__(self, "P", symmetric_weight("P", self.P, n))
         require_schur(self.A_cl, name="A + b K")
-        excess = float(np.linalg.eigvalsh(decrease(self.A_cl, self.K, self.Q, self.R, self.P))[-1])
-        if excess > DECREASE_TOLERANCE * max(1.0, float(np.abs(self.P).max())):
+        missing = decrease(self.A_cl, self.K, self.Q, self.R, self.P)
+        if float(np.linalg.eigvalsh(relative(missing, self.P, self.Q))[-1]) > DECREASE_TOLERANCE:
+            excess = float(np.linalg.eigvalsh(missing)[-1])
             raise InvalidValue(
                 f"P must satisfy (19), Q + R K'K + A_cl'P A_cl - P <= 0, got the eigenvalue {excess:.6g}; "
                 "take it from `workbench.predictive.regulator.terminal_weight`"
@@ -165,11 +176,15 @@ class Tube:
         """Sigma - R_{M+N}^M, where the planned e_{M+N} must lie; (26). Not empty if (27) holds."""
         return self.Sigma.minus(self.R_hold(M, M + N))
 
-    def held_excess(self, M: int, N: int) -> tuple[float, str]:
-        """By how much R_{M+N}^M leaves Sigma, a distance, and the bound it leaves through; (27) holds if at most 0."""
+    def held_excess(self, M: int, N: int) -> Excess:
+        """By how much R_{M+N}^M leaves Sigma; (27) holds if not at all."""
         excess = self.R_hold(M, M + N).support(self.Sigma.H) - self.Sigma.h
-        worst = int(np.argmax(excess))
-        return float(excess[worst]), self.Sigma.labels[worst]
+        worst = int(np.argmax(excess / self.Sigma.sizes))
+        return Excess(
+            share=float(excess[worst] / self.Sigma.sizes[worst]),
+            distance=float(excess[worst]),
+            label=self.Sigma.labels[worst],
+        )
 
     def held_conflicts(self, N: int, *, contained: bool = True) -> Mapping[int, str]:
         """Why an M of 1 ... N-1 is not offered, in words, by M.
@@ -185,9 +200,9 @@ class Tube:
         require_horizon(N)
         reasons: dict[int, str] = {}
         for M in range(1, N):
-            excess, label = self.held_excess(M, N)
-            if contained and excess > TOLERANCE:
-                reasons[M] = f"(27) fails: R_{M + N}^{M} leaves Sigma through '{label}' by {excess:.6g}"
+            excess = self.held_excess(M, N)
+            if contained and excess.share > TOLERANCE:
+                reasons[M] = f"(27) fails: R_{M + N}^{M} leaves Sigma through '{excess.label}' by {excess.distance:.6g}"
                 continue
             sets = {f"X_z - R_{i}^{M}": self.held_stage_bounds(M, i) for i in range(M + N)}
             sets[f"Sigma - R_{M + N}^{M}"] = self.held_terminal_bounds(M, N)

@@ -11,6 +11,7 @@ from workbench.sets.invariant import (
     rpi_residual,
     spectral_radius,
 )
+from workbench.sets.linear_program import SolverFailed
 from workbench.sets.polytope import Conflict, Polytope, is_redundant
 from workbench.sets.zonotope import TOLERANCE, Zonotope
 
@@ -19,6 +20,7 @@ __all__ = [
     "Conflict",
     "MinimalRPI",
     "Polytope",
+    "SolverFailed",
     "Zonotope",
     "is_redundant",
     "maximal_rpi",

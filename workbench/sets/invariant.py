@@ -10,13 +10,16 @@ from scipy.linalg import solve_discrete_lyapunov
 
 from models.quantity import InvalidValue
 from workbench.sets.array import Array, checked
+from workbench.sets.balance import state_units
 from workbench.sets.polytope import Polytope, is_redundant
 from workbench.sets.zonotope import TOLERANCE, Zonotope
 
 
 def spectral_radius(A: ArrayLike) -> float:
     """The largest modulus of an eigenvalue of A, shape (n, n); below 1 means Schur (stable in discrete time)."""
-    return float(np.max(np.abs(np.linalg.eigvals(checked("A", A, (None, None))))))
+    A = checked("A", A, (None, None))
+    units = state_units(A)
+    return float(np.max(np.abs(np.linalg.eigvals(A * units / units[:, None]))))
 
 
 def require_schur(A: ArrayLike, *, name: str = "A") -> Array:
@@ -82,7 +85,8 @@ def minimal_rpi(A: ArrayLike, W: Zonotope, *, tolerance: float = TOLERANCE, max_
     W
         The disturbances.
     tolerance
-        The tail left out may move no support along a unit direction by more than this.
+        The tail left out may reach no farther than this share of the whole, states taken in units in which A and W
+        are near one.
     max_terms
         Where to give up.
 
@@ -92,23 +96,26 @@ def minimal_rpi(A: ArrayLike, W: Zonotope, *, tolerance: float = TOLERANCE, max_
         If A is not Schur, or so slow that `max_terms` do not suffice.
     """
     A = require_schur(checked("A", A, (W.dimension, W.dimension)))
+    units = state_units(A, np.abs(W.generators).sum(axis=1))
+    alike = A * units / units[:, None]  # A for the states x / units
     rate = (1 + spectral_radius(A)) / 2
     # A'S A = rate^2 (S - I) < rate^2 S, so A contracts the norm of S by the rate
-    shape = np.asarray(solve_discrete_lyapunov((A / rate).T, np.eye(len(A))), dtype=np.float64)
-    stretch = 1 / np.sqrt(np.linalg.eigvalsh(shape)[0])
-    center = np.asarray(np.linalg.solve(np.eye(len(A)) - A, W.center), dtype=np.float64)
+    norm = np.asarray(solve_discrete_lyapunov((alike / rate).T, np.eye(len(A))), dtype=np.float64)
+    stretch = 1 / np.sqrt(np.linalg.eigvalsh(norm)[0])
+    center = np.asarray(np.linalg.solve(np.eye(len(A)) - alike, W.center / units), dtype=np.float64)
     blocks: list[Array] = [np.zeros((len(A), 0))]
-    term = W.generators
+    term = W.generators / units[:, None]
+    reach = np.zeros(len(A))
     for _ in range(max_terms):
-        radius = float(np.sqrt(np.einsum("ij,ij->j", term, shape @ term)).sum() / (1 - rate))
-        if radius * stretch <= tolerance:
-            generators = np.hstack(blocks)
-            return MinimalRPI(
-                partial=Zonotope(center=center, generators=generators), shape=shape, radius=radius, rate=rate
-            )
+        radius = float(np.sqrt(np.einsum("ij,ij->j", term, norm @ term)).sum() / (1 - rate))
+        if radius * stretch <= tolerance * float(reach.max(initial=0.0)):
+            partial = Zonotope(center=center * units, generators=np.hstack(blocks) * units[:, None])
+            return MinimalRPI(partial=partial, shape=norm / np.outer(units, units), radius=radius, rate=rate)
         blocks.append(term)
-        term = A @ term
-    raise InvalidValue(f"the tail must fall below {tolerance} within {max_terms} terms, got {radius * stretch:.3g}")
+        reach = reach + np.abs(term).sum(axis=1)
+        term = alike @ term
+    share = radius * stretch / float(reach.max())
+    raise InvalidValue(f"the tail must fall below {tolerance} of the set within {max_terms} terms, got {share:.3g}")
 
 
 def maximal_rpi(
@@ -128,7 +135,7 @@ def maximal_rpi(
     X
         The bounds; may leave states free if A makes them visible in the others.
     tolerance
-        What counts as cutting, a distance.
+        What counts as cutting, a share of X's width along the bound that was carried back.
     max_steps
         Where to give up.
 
@@ -142,38 +149,37 @@ def maximal_rpi(
     """
     A = require_schur(checked("A", A, (X.dimension, X.dimension)))
     unit = X.normalized()
+    sizes = unit.sizes
     room = unit.h - minimal_rpi(A, W).support(unit.H)
-    if np.any(room < -tolerance):
-        worst = int(np.argmin(room))
+    if np.any(room < -tolerance * sizes):
+        worst = int(np.argmin(room / sizes))
         raise InvalidValue(
             f"no invariant set fits the bounds: the disturbance alone carries the closed loop beyond "
             f"'{unit.labels[worst]}' by {-room[worst]:.6g}; make W smaller, widen that bound or choose another gain K"
         )
-    H, h, labels = unit.H, unit.h, list(unit.labels)
+    H, h, scale, labels = unit.H, unit.h, sizes, list(unit.labels)
     back, offsets = unit.H, unit.h
     for step in range(1, max_steps + 1):
         offsets = offsets - W.support(back)  # h - support of F_step
         back = back @ A
         cut = False
-        for row, offset, label in zip(back, offsets, unit.labels, strict=True):
-            length = float(np.linalg.norm(row))
-            if length <= np.finfo(float).tiny or is_redundant(row / length, offset / length, H, h, tolerance=tolerance):
+        for row, offset, size, label in zip(back, offsets, sizes, unit.labels, strict=True):
+            if not np.any(row) or is_redundant(row, float(offset), H, h, size=float(size), tolerance=tolerance):
                 continue
-            H, h = np.vstack([H, row / length]), np.r_[h, offset / length]
+            H, h, scale = np.vstack([H, row]), np.r_[h, offset], np.r_[scale, size]
             labels.append(f"{label}, {step} steps on")
             cut = True
         if not cut:
-            return Polytope(H=H, h=h, labels=tuple(labels)).reduced(tolerance=tolerance)
+            return Polytope(H=H, h=h, labels=tuple(labels), scale=scale).reduced(tolerance=tolerance)
     raise InvalidValue(f"the invariant set must be found within {max_steps} steps, got none; raise max_steps")
 
 
 def rpi_residual(A: ArrayLike, W: Zonotope, S: Polytope) -> float:
-    """By how much A S + W can leave S, a distance: at most the tolerance used if S is RPI; -inf if S is empty.
+    """By how much A S + W can leave S, a share of S's width along the row: at most the tolerance used if S is RPI.
 
-    One LP a row: the largest d'A x over S, plus the support of W along d, less the row's offset.
+    One LP a row: the largest d'A x over S, plus the support of W along d, less the row's offset. -inf if S is empty.
     """
     A = checked("A", A, (S.dimension, S.dimension))
-    unit = S.normalized()
-    push = W.support(unit.H)
-    reach = [unit.support(row @ A) for row in unit.H]
-    return float(np.max(np.array(reach) + push - unit.h, initial=-np.inf))
+    push = W.support(S.H)
+    reach = [S.support(row @ A) for row in S.H]
+    return float(np.max((np.array(reach) + push - S.h) / S.sizes, initial=-np.inf))

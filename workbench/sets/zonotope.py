@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike
 
 from models.quantity import InvalidValue
 from workbench.sets.array import Array, checked
-from workbench.sets.linear_program import minimise
+from workbench.sets.linear_program import SolverFailed, minimise
 
 TOLERANCE = 1e-9
-"""How far a comparison between sets may miss by rounding; rows are of unit length, so it is a distance.
+"""How far a comparison between sets may miss by rounding, relative to the set: a share of a polytope's width along the
+row that is asked about, of a zonotope's gauge.
 
 The one default of every `tolerance` argument in `workbench.sets`.
 """
@@ -102,17 +103,31 @@ class Zonotope:
         return points
 
     def gauge(self, point: ArrayLike) -> float:
-        """The least t for which c + G z reaches `point` with |z_i| <= t; infinite off the span of G."""
+        """The least t for which c + G z reaches `point` with |z_i| <= t; infinite off the span of G.
+
+        A difference from the centre that is no more than the rounding of its two terms counts as none.
+
+        Raises
+        ------
+        SolverFailed
+            If the linear program has no answer that can be believed.
+        """
         point = checked("point", point, (self.dimension,))
         count = self.generators.shape[1]
         gap = point - self.center
+        gap[np.abs(gap) <= 2 * np.finfo(float).eps * (np.abs(point) + np.abs(self.center))] = 0.0
+        if not np.any(gap):
+            return 0.0
         if count == 0:
-            return 0.0 if np.array_equal(gap, np.zeros_like(gap)) else np.inf
+            return np.inf
         # Variables (z, t): minimise t subject to G z = point - c and -t <= z_i <= t.
         bound = np.block([[np.eye(count), -np.ones((count, 1))], [-np.eye(count), -np.ones((count, 1))]])
         reach = np.hstack([self.generators, np.zeros((self.dimension, 1))])
         cost = np.r_[np.zeros(count), 1.0]
-        return minimise(cost, bound, np.zeros(2 * count), equal=(reach, gap)).value
+        answer = minimise(cost, bound, np.zeros(2 * count), equal=(reach, gap))
+        if answer.status == "failed":
+            raise SolverFailed(f"the gauge of a zonotope of {count} generators could not be found")
+        return answer.value
 
     def contains(self, point: ArrayLike, *, tolerance: float = TOLERANCE) -> bool:
         """Whether `point`, shape (n,), lies in the set, its gauge being at most 1 + tolerance."""

@@ -6,11 +6,13 @@ import dataclasses
 import json
 import os
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
+from models.function_name import function_name
 from models.quantity import InvalidValue
 from workbench.contracts.study import Progress, Scores, Study
 from workbench.distribution import __version__
@@ -21,6 +23,9 @@ from workbench.trials.provenance import Provenance, provenance, run_id
 
 RUN_ID, SOURCE = "run_id", "provenance"
 """Root attributes of ``run.nc``: the run's digest, and where it comes from as JSON."""
+
+LONGEST = 200  # bytes of a file's name, its ending and a comparison's prefix aside
+FORBIDDEN = frozenset('/\\\0<>:"|?*')  # in names of files, on one system or another
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,9 +53,8 @@ class Campaign:
         return result
 
     def documents(self) -> Mapping[str, Any]:
-        """Return what the study writes besides, JSON by file name: a study may have ``documents(data)``."""
-        own = getattr(self.study, "documents", None)
-        result: Mapping[str, Any] = own(self.data) if own is not None else {}
+        """Return what the study writes besides, JSON by file name."""
+        result: Mapping[str, Any] = self.study.documents(self.data)
         return result
 
     def scores_json(self) -> dict[str, Any]:
@@ -179,18 +183,28 @@ def write_figures(figures: Mapping[str, Callable[[], Any]], folder: Path) -> Non
     """Draw figures and write each as SVG and PNG: the same figure gives the same bytes on every day."""
     from matplotlib import pyplot
 
+    from workbench.trials.glyphs import said_together, saved
+
     folder.mkdir(parents=True, exist_ok=True)
-    for name, draw in figures.items():
-        figure = draw()
-        file = figure_file(name)
-        try:
-            with pyplot.rc_context({"svg.hashsalt": "workbench"}):
-                figure.savefig(folder / f"{file}.svg", metadata={"Date": None})
-                figure.savefig(folder / f"{file}.png", dpi=150)
-        finally:
-            pyplot.close(figure)
+    with said_together():
+        for name, draw in figures.items():
+            figure = draw()
+            file = figure_file(name)
+            try:
+                with pyplot.rc_context({"svg.hashsalt": "workbench"}):
+                    saved(figure, partial(figure.savefig, folder / f"{file}.svg", metadata={"Date": None}))
+                    saved(figure, partial(figure.savefig, folder / f"{file}.png", dpi=150))
+            finally:
+                pyplot.close(figure)
 
 
 def figure_file(name: str) -> str:
-    """Return the file name, without its ending, under which a figure is written."""
-    return "".join("_" if character in '/\\\0<>:"|?*' else character for character in name)
+    """Return the file name, without its ending, under which a figure is written.
+
+    A name that is too long, or has letters that the locale does not know, becomes ASCII letters and a digest of it.
+    """
+    plain = "".join("_" if character in FORBIDDEN else character for character in name)
+    try:
+        return plain if len(os.fsencode(plain)) <= LONGEST else function_name(name)
+    except UnicodeEncodeError:
+        return function_name(name)

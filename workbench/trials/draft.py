@@ -80,7 +80,11 @@ def replacing(folder: str | os.PathLike[str]) -> Iterator[Path]:
             "free some room, or give another folder with --out"
         ) from None
     except InvalidValue as error:
-        raise InvalidValue(f"{error}{_left(draft)}") from None
+        kept = _left(draft)
+        refused = InvalidValue(f"{error}{kept}")
+        if kept:  # an interrupt may have become such an error, and is told by the note
+            refused.add_note(kept.removeprefix("; "))
+        raise refused from None
     except BaseException as error:
         if kept := _left(draft):
             error.add_note(kept.removeprefix("; "))
@@ -340,4 +344,8 @@ def _uninterrupted() -> Iterator[None]:
     finally:
         signal.signal(signal.SIGINT, before)
     if came:
-        raise KeyboardInterrupt("everything was written")
+        try:
+            before(signal.SIGINT, came[0])
+        except KeyboardInterrupt as stop:
+            stop.add_note("everything was written")
+            raise

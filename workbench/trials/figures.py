@@ -37,6 +37,11 @@ def axis_label(variable: xr.DataArray) -> str:
     return f"{name} ({pretty(unit)})" if unit not in ("", "1") else str(name)
 
 
+def in_legend(name: str) -> str:
+    """Return a name as a legend shows it: Matplotlib leaves out what begins with an underscore."""
+    return f" {name}" if name.startswith("_") else name
+
+
 def pretty(unit: str) -> str:
     """Return a unit as it is typeset: (m/s)^2 with a raised two."""
     return unit.replace("^2", "²").replace("^3", "³")
@@ -51,7 +56,12 @@ def by_trial(axes: Any, data: xr.Dataset, values: Callable[[str], Any]) -> None:
     """Draw ``values(controller)``, one a trial, of every controller: on a log scale, with a mark at every trial."""
     for index, name in enumerate(ran(data)):
         axes.semilogy(
-            data["trial"], values(name), **styled(index), marker=MARKERS[index % len(MARKERS)], markersize=4, label=name
+            data["trial"],
+            values(name),
+            **styled(index),
+            marker=MARKERS[index % len(MARKERS)],
+            markersize=4,
+            label=in_legend(name),
         )
 
 
@@ -109,7 +119,10 @@ def mse(data: xr.Dataset) -> Any:
         for index, controller in enumerate(ran(data)):
             values = data["mse"].sel(controller=controller)
             axes.semilogy(
-                data["trial"], np.where(np.isfinite(values), values, np.nan), **styled(index), label=controller
+                data["trial"],
+                np.where(np.isfinite(values), values, np.nan),
+                **styled(index),
+                label=in_legend(controller),
             )
         axes.set(xlabel="trial i", ylabel=f"mean square error ({pretty(data['mse'].attrs['units'])})")
         if axes.lines:
@@ -128,7 +141,7 @@ def sensitivity(data: xr.Dataset, field: str) -> Any:
         axes.axhspan(2.5 * highest, 2 * max(row.values()), color="0.93", label="diverged")
         for index, controller in enumerate(row):
             last = values.sel({names: controller})
-            axes.loglog(last[at], last, **styled(index), marker=MARKERS[index], label=str(controller))
+            axes.loglog(last[at], last, **styled(index), marker=MARKERS[index], label=in_legend(str(controller)))
             gone = last[at].values[np.isnan(last.values)]
             axes.scatter(gone, np.full(gone.size, row[controller]), marker="x", s=60, color=COLOURS[index])
         axes.set(

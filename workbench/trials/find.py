@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import ast
 import difflib
+import importlib
 import importlib.util
 import sys
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
 from models.errors import InvalidValue
+from workbench.distribution import PACKAGES, unhidden
 
 GROUP = "workbench.studies"
 """The entry points that name studies: ``name = "package.module:STUDY"``."""
@@ -25,6 +28,7 @@ def names() -> tuple[str, ...]:
 
 def titles() -> Mapping[str, str]:
     """Return what every installed study is, in one line, by name in alphabetical order, without importing any."""
+    unhidden("studies")
     found = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
     return {entry.name: _first_line(entry.module) for entry in found}
 
@@ -45,7 +49,10 @@ def find(name: str) -> Any:
     """
     if name.endswith(".py"):
         return _from_file(Path(name))
-    return _entry(name).load()
+    entry = _entry(name)
+    if entry.module.partition(".")[0] == "studies":
+        unhidden("studies")
+    return entry.load()
 
 
 def _entry(name: str) -> EntryPoint:
@@ -68,7 +75,8 @@ def _from_file(file: Path) -> Any:
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     try:
-        spec.loader.exec_module(module)
+        with _importable(file.resolve().parent):
+            spec.loader.exec_module(module)
     except InvalidValue:
         raise
     except (Exception, SystemExit) as error:
@@ -76,10 +84,50 @@ def _from_file(file: Path) -> Any:
         lines = [frame.lineno for frame in frames if Path(frame.filename).resolve() == file.resolve()]
         at = f"{file}, line {lines[-1]}," if lines else file
         message = (str(error).strip() or "no message").splitlines()[0]
-        raise InvalidValue(f"{at} failed: {type(error).__name__}: {message}") from error
+        raise InvalidValue(f"{at} failed: {type(error).__name__}: {message}{_hint(error, file)}") from error
     from workbench.contracts.study import Study  # a name, a title and an error need no Dataset
 
     found = getattr(module, "study", None)
     if not isinstance(found, Study):
         raise InvalidValue(f"{file} must declare a variable named study, as in: study = TrialStudy(...)")
     return found
+
+
+@contextmanager
+def _importable(folder: Path) -> Iterator[None]:
+    """Let what is imported within find the modules of a folder first, as a script finds those that lie beside it.
+
+    A module of another study's folder that has the name of one here is forgotten, so that this study gets its own.
+    """
+    _FOLDERS.add(folder)
+    for name, module in list(sys.modules.items()):
+        file = getattr(module, "__file__", None)
+        home = Path(file).resolve() if file else folder
+        home = home.parents[1] if home.stem == "__init__" else home.parent
+        if "." not in name and home != folder and home in _FOLDERS and _beside(folder, name):
+            for one in [one for one in sys.modules if one.partition(".")[0] == name]:
+                del sys.modules[one]
+    sys.path.insert(0, str(folder))
+    importlib.invalidate_caches()  # a module may have been written a moment ago
+    try:
+        yield
+    finally:
+        if str(folder) in sys.path:
+            sys.path.remove(str(folder))
+
+
+_FOLDERS: set[Path] = set()
+"""Folders of the study files that this process has loaded."""
+
+
+def _beside(folder: Path, name: str) -> Path | None:
+    """Return the file or the folder that Python would import under a name from a folder, or None."""
+    places = (folder / f"{name}.py", folder / name)
+    return next((place for place in places if place.exists()), None)
+
+
+def _hint(error: BaseException, file: Path) -> str:
+    """Return what to do where a name was looked for in a package of ours that a file beside the study is named like."""
+    package = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
+    hidden = _beside(file.resolve().parent, package) if package in PACKAGES else None
+    return f"; {hidden} has the name of a package of the workbench: rename it" if hidden else ""

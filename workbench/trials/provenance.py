@@ -17,7 +17,7 @@ import xarray as xr
 from models.plant import Plant
 from models.quantity import Quantity, is_declared, symbolised, walked
 from workbench import graph
-from workbench.contracts.study import Folding
+from workbench.contracts.study import Study
 from workbench.distribution import __version__
 from workbench.fold.equations import equations
 from workbench.fold.machine_code import compiler
@@ -106,10 +106,10 @@ def _of_one_sample(plant: Plant, quantities: tuple[Any, ...]) -> ca.Function:
     return ca.Function(plant.name, [*at.values(), *quantities], results, names, ["x_next", "y"])
 
 
-def _of_laws(study: Any) -> dict[str, str]:
+def _of_laws(study: Study) -> dict[str, str]:
     """Return a digest of every controller: of its equations where it is folded, of its source where it is not."""
-    if isinstance(study, Folding):
-        return {name: _of_equations(*folded) for name, folded in study.folded().items()}
+    if made := study.folded():
+        return {name: _of_equations(*folded) for name, folded in made.items()}
     laws: Mapping[str, Any] = getattr(study, "controllers", {})
     return {name: _digest(_source(type(law))) for name, law in laws.items()}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -12,12 +11,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from models.plain_text import check_plain
 from models.plant import Plant, Signal
-from models.quantity import InvalidValue, count, declared, given, part, quantity
-from models.reference import Given
-from workbench.contracts.law import Choosy, Controller, Telling
+from models.quantity import InvalidValue, count, declared, given, part, quantity, rebuilt
+from models.reference import Given, Reference
+from workbench.contracts.law import Law
 from workbench.contracts.record import TrialInput, TrialRecord
-from workbench.contracts.study import Folded, Measures, Progress, Scores
+from workbench.contracts.study import Folded, Measures, Progress, Scores, Study
 from workbench.fold.fold import Fold, build, stream
 from workbench.fold.machine_code import all_compiled, compiled
 from workbench.trials.drawn import AtRest, Disturbance, Initial, Noise, SpeedNoise, Undisturbed
@@ -39,7 +39,7 @@ class Sweep:
 
 
 @declared
-class TrialStudy:
+class TrialStudy(Study):
     """Plant x reference x controllers x settings, run trial after trial.
 
     ``reference`` is an array of shape (N + 1,) or (outputs, N + 1), or an object with ``samples(plant)``. Every
@@ -53,7 +53,7 @@ class TrialStudy:
     source: str = given(default="", doc="paper or report that it follows")
     plant: Plant = part(doc="the plant")
     reference: Any = given(doc="what the outputs should follow")
-    controllers: Mapping[str, Any] = part(doc="the controllers by name")
+    controllers: Mapping[str, Law] = part(doc="the controllers by name")
     trials: int = count(default=150, doc="number of trials, the first included", least=1, most=100_000)
     trial_length: TrialLength = part(default=TrialLength(law="fixed"), doc="how long trials last")
     noise: Noise = part(default=SpeedNoise(), doc="measurement noise")
@@ -78,16 +78,18 @@ class TrialStudy:
 
     def check(self) -> None:
         """Raise InvalidValue where plant, reference, trial lengths and controllers do not fit together."""
-        if not hasattr(self.reference, "samples"):
+        if not isinstance(self.reference, Reference):
             object.__setattr__(self, "reference", Given(values=self.reference))
         if not re.fullmatch(NAME, self.name):
             raise InvalidValue(f"name must be letters, digits, _ and -, got {self.name!r}")
-        for member in ("states", "inputs", "outputs", "sampling_time"):
-            if isinstance(self.plant, type) or not hasattr(self.plant, member):
-                raise InvalidValue(
-                    f"plant must be a Plant with states, inputs, outputs and sampling_time; got {self.plant!r}"
-                )
-        self.plant.next_output_function()
+        check_plain("title", self.title)
+        check_plain("source", self.source, lines=True)
+        if not isinstance(self.plant, Plant):
+            raise InvalidValue(f"plant must be a Plant, made with its settings as in Cart(mass=80); got {self.plant!r}")
+        plant = self.plant
+        for signal in (*plant.states, *plant.inputs, *plant.outputs, *plant.disturbances):
+            _check_signal(signal)
+        plant.next_output_function()
         self.trial_length.least(self.horizon)
         recorded = len(self.controllers) * self.trials * (self.horizon + 1)
         if recorded > MOST_RECORDED:
@@ -100,8 +102,13 @@ class TrialStudy:
         for name, law in self.controllers.items():
             if not re.fullmatch(NAME, str(name)):
                 raise InvalidValue(f"controllers must have names of letters, digits, _ and -, got {name!r}")
-            if isinstance(law, type) or not isinstance(law, Controller):
-                raise InvalidValue(f"controllers.{name} must have source, start and act, got {type(law).__name__}")
+            if not isinstance(law, Law):
+                raise InvalidValue(
+                    f"controllers.{name} must be a Law, made with its settings as in PD(kp=2.0); got {law!r}"
+                )
+            check_plain(f"controllers.{name}.source", law.source, lines=True)
+            for signal in law.tells:
+                _check_signal(signal)
 
     @cached_property
     def reference_samples(self) -> Any:
@@ -117,7 +124,7 @@ class TrialStudy:
 
     def refusals(self) -> dict[str, str]:
         """Return why controllers do not suit this study, by name."""
-        asked = {name: law.refusal(self) for name, law in self.controllers.items() if isinstance(law, Choosy)}
+        asked = {name: law.refusal(self) for name, law in self.controllers.items()}
         return {name: reason for name, reason in asked.items() if reason}
 
     def inputs(self) -> list[TrialInput]:
@@ -168,7 +175,7 @@ class TrialStudy:
             for name in suited:
                 record.fill(name, self._run(folds[name], machine[name], inputs, advance))
             for sweep, name, value in sweeps:
-                law = dataclasses.replace(self.controllers[name], **{sweep.field: value})
+                law = rebuilt(self.controllers[name], {sweep.field: value})
                 values = folds[name].values_of(law)
                 *_, (left, reason) = self._run(folds[name], machine[name], inputs, advance, values)
                 last[sweep.field, name, value] = np.nan if reason else left.mse
@@ -248,8 +255,7 @@ class _Record:
         shown = {signal.name for signal in plant.outputs}
         kept = [(i, signal) for i, signal in enumerate(plant.states) if signal.recorded]
         self.hidden = [(i, signal) for i, signal in kept if signal.name not in shown]
-        laws = [law for law in study.controllers.values() if isinstance(law, Telling)]
-        self.told = tuple(dict.fromkeys(signal for law in laws for signal in law.tells))
+        self.told = tuple(dict.fromkeys(signal for law in study.controllers.values() for signal in law.tells))
         self.acts = type(plant).applied is not Plant.applied
         named = self._row_names()  # in one block: large memory is handed out in large pages
         self.rows: dict[str, Any] = dict(zip(named, np.full((len(named), *shape), np.nan), strict=True))
@@ -279,7 +285,7 @@ class _Record:
                 self.rows["input" if i == 0 else f"input_{signal.name}"][at, trial, :-1] = left.u[i]
             for i, signal in self.hidden:
                 self.rows[f"state_{signal.name}"][at, trial, :end] = left.x[i, :end]
-            for signal, row in zip(getattr(self.study.controllers[name], "tells", ()), left.told, strict=True):
+            for signal, row in zip(self.study.controllers[name].tells, left.told, strict=True):
                 self.rows[f"law_{signal.name}"][at, trial, :-1] = row
             for signal, row in zip(plant.inputs if self.acts else (), left.applied, strict=True):
                 self.rows[f"applied_{signal.name}"][at, trial, : end - 1] = row[: end - 1]
@@ -368,6 +374,12 @@ class _Record:
                 {"units": "", "long_name": "controller"},
             )
         return xr.Dataset(variables, coordinates)
+
+
+def _check_signal(signal: Signal) -> None:
+    """Raise InvalidValue for a signal whose unit or description cannot be printed."""
+    check_plain(f"the unit of {signal.name!r}", signal.unit)
+    check_plain(f"the description of {signal.name!r}", signal.doc, lines=True)
 
 
 def _about(signal: Signal, prefix: str) -> dict[str, str]:

@@ -16,7 +16,7 @@ from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
 from models.quantity import InvalidValue, declared
 from studies.metro.study import STUDY
-from workbench.contracts.law import Task, Trial
+from workbench.contracts.law import Law, LearnedSignal, Task, Trial
 from workbench.controllers import CFDL, ICFDL, PD, Increment
 from workbench.controllers.parts.rows import constant_row
 from workbench.fold.fold import build
@@ -172,10 +172,11 @@ class Plan(NamedTuple):
 
 
 @declared
-class MultipliesByGamma:
+class MultipliesByGamma(Law):
     """Wrong on purpose: 0 x missing is missing."""
 
     source: ClassVar[str] = "wrong on purpose, 0"
+    learns_on: ClassVar[LearnedSignal | None] = "output"
 
     def start(self, task):
         return Plan(constant_row(1500.0, task.samples))

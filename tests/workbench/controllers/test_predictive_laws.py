@@ -83,9 +83,9 @@ def with_states(tube, e, *, N, M=0, beta=1.0):
     return solver.result.x[n * (T + 1) :], solver.result.info.primal_obj
 
 
-def starts(problem: CondensedQP, count: int, *, seed: int):
+def starts(problem: CondensedQP, count: int, *, seed: int, center=None):
     """Errors inside the feasible set, some next to its edge and some beyond."""
-    random, center = np.random.default_rng(seed), problem.inside()
+    random, center = np.random.default_rng(seed), problem.inside() if center is None else center
     for number in range(count):
         direction = random.normal(size=center.size)
         distance = problem.edge(center, direction).distance
@@ -140,7 +140,7 @@ def test_without_active_bounds_the_plan_is_the_regulator():
 def test_selection_is_the_largest_hold_that_costs_no_more(brake_a):
     law = RSMPC(tube=brake_a, N=6)
     chosen = set()
-    for e, feasible in starts(law.problem(1), 24, seed=9):
+    for e, feasible in starts(law.problem(1), 24, seed=9, center=np.zeros(4)):
         if not feasible:
             assert isinstance(law.select(e), Infeasible)
             continue
@@ -236,7 +236,7 @@ def test_zero_disturbance_makes_the_tube_vanish():
 
 def test_the_solver_is_checked_by_the_residual_and_confirmed_by_a_linear_program():
     H, G = np.eye(2), np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]])
-    program = WarmQP(H, G, ("a", "b", "c"))
+    program = WarmQP(H, G, ("a", "b", "c"), sizes=np.ones(3))
     solved = program.solve(np.array([-2.0, -2.0]), np.array([1.0, 1.0, 5.0]))
     assert np.allclose(solved.u, [1, 2]) and np.allclose(solved.multipliers, [1, 0, 0])
     assert (
@@ -248,7 +248,7 @@ def test_the_solver_is_checked_by_the_residual_and_confirmed_by_a_linear_program
     again = program.solve(np.array([-2.0, -2.0]), np.array([1.0, 1.0, 5.0]))
     assert np.allclose(again.u, solved.u)
     with pytest.raises(InvalidValue, match="H must be positive definite, got the eigenvalue 0"):
-        WarmQP(np.zeros((1, 1)), np.ones((1, 1)), ("a",))
+        WarmQP(np.zeros((1, 1)), np.ones((1, 1)), ("a",), sizes=np.ones(1))
 
 
 def test_pid_by_hand_with_its_integral_held_at_the_limit():

@@ -14,6 +14,7 @@ import pytest
 from models.actuator import Delayed
 from models.plant import Plant, signals
 from models.quantity import count, declared, given, quantity, table
+from workbench.contracts.law import Law
 from workbench.contracts.record import TrialInput
 from workbench.fold import machine_code
 from workbench.fold.equations import equations
@@ -70,10 +71,11 @@ class Memory(NamedTuple):
 
 
 @declared
-class Law:
+class Adding(Law):
     """A law that adds a part of the error to the plan; its first plan is a number."""
 
     source = "ours"
+    learns_on = "output"
     first = 1.0
     part = 0.5
 
@@ -90,7 +92,7 @@ class Law:
 
 
 @declared
-class Feedback(Law):
+class Feedback(Adding):
     """The same law, its input fed back from the output."""
 
     def act(self, memory_k, state, r, r_next, y):
@@ -125,23 +127,23 @@ def other_method(monkeypatch):
 
 
 def other_learning(monkeypatch):
-    monkeypatch.setattr(Law, "learn", lambda self, memory, trial: Memory(2 * memory.u))
+    monkeypatch.setattr(Adding, "learn", lambda self, memory, trial: Memory(2 * memory.u))
 
 
 def other_part(monkeypatch):
-    monkeypatch.setattr(Law, "part", 0.4)
+    monkeypatch.setattr(Adding, "part", 0.4)
 
 
 def other_first(monkeypatch):
-    monkeypatch.setattr(Law, "first", 2.0)
+    monkeypatch.setattr(Adding, "first", 2.0)
 
 
 def estimating(monkeypatch):
-    monkeypatch.setattr(Law, "ppd_estimate", lambda self, memory: memory.u, raising=False)
+    monkeypatch.setattr(Adding, "ppd_estimate", lambda self, memory: memory.u, raising=False)
 
 
 def placing(monkeypatch):
-    monkeypatch.setattr(Law, "place", lambda self, memory, x0: x0 + 1, raising=False)
+    monkeypatch.setattr(Adding, "place", lambda self, memory, x0: x0 + 1, raising=False)
 
 
 CHANGES = [
@@ -160,7 +162,7 @@ CHANGES = [
 
 @pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.__name__)
 def test_what_changed_behind_the_declarations_is_seen(change, monkeypatch):
-    plant, law = Cart(), Law()
+    plant, law = Cart(), Adding()
     before, was = ran(plant, law)
     change(monkeypatch)
     after, now = ran(plant, law)
@@ -177,38 +179,38 @@ def test_what_changed_behind_the_declarations_is_seen(change, monkeypatch):
 @pytest.mark.parametrize(
     ("plant", "law", "samples"),
     [
-        (Cart(times=2), Law(), N),
-        (Cart(heights=(1.0, 2.0 + 2**-51)), Law(), N),
-        (Cart(pull=closed(0.3)), Law(), N),
-        (Faster(), Law(), N),
-        (Delayed(plant=Cart(), samples=1), Law(), N),
-        (Delayed(plant=Faster(), samples=1), Law(), N),
+        (Cart(times=2), Adding(), N),
+        (Cart(heights=(1.0, 2.0 + 2**-51)), Adding(), N),
+        (Cart(pull=closed(0.3)), Adding(), N),
+        (Faster(), Adding(), N),
+        (Delayed(plant=Cart(), samples=1), Adding(), N),
+        (Delayed(plant=Faster(), samples=1), Adding(), N),
         (Cart(), Feedback(), N),
-        (Cart(), Law(), N + 1),
-        (Cart(sampling_time=ca.DM(0.1)), Law(), N),
+        (Cart(), Adding(), N + 1),
+        (Cart(sampling_time=ca.DM(0.1)), Adding(), N),
     ],
     ids=lambda value: type(value).__name__,
 )
 def test_other_declarations_are_other_functions(plant, law, samples):
-    first, other = build(Cart(), Law(), N), build(plant, law, samples)
+    first, other = build(Cart(), Adding(), N), build(plant, law, samples)
     assert other.trial is not first.trial and other.start is not first.start
     assert other.trial.serialize() != first.trial.serialize()
     assert build(plant, law, samples).trial is other.trial
 
 
 def test_other_numbers_are_the_same_function():
-    one, two = build(Cart(), Law(), N), build(Cart(mass=3.0), Law(gain=0.25), N)
+    one, two = build(Cart(), Adding(), N), build(Cart(mass=3.0), Adding(gain=0.25), N)
     assert one.trial is two.trial and one.start is two.start and one.parameters == two.parameters
     assert one.values == (2.0, 0.1, 1.0) and two.values == (3.0, 0.1, 0.25)
     assert (one.plant.mass, two.plant.mass, two.law.gain) == (2.0, 3.0, 0.25)
-    plain = ran(Cart(mass=3.0), Law(gain=0.25))[1]
-    assert plain != ran(Cart(), Law())[1]
+    plain = ran(Cart(mass=3.0), Adding(gain=0.25))[1]
+    assert plain != ran(Cart(), Adding())[1]
 
 
 def test_equations_of_the_same_content_are_equal():
-    assert equations(Cart(), Law(), N) == equations(Cart(mass=5.0), Law(), N)
-    assert equations(Cart(), Law(), N) != equations(Cart(), Law(), N + 1)
-    assert hash(equations(Cart(), Law(), N)) == hash(equations(Cart(), Law(), N))
+    assert equations(Cart(), Adding(), N) == equations(Cart(mass=5.0), Adding(), N)
+    assert equations(Cart(), Adding(), N) != equations(Cart(), Adding(), N + 1)
+    assert hash(equations(Cart(), Adding(), N)) == hash(equations(Cart(), Adding(), N))
 
 
 def scaled(factor):

@@ -129,6 +129,11 @@ def broken(change):
         (broken(lambda c: c["outputs"][0]["entries"][0].__setitem__(2, 17)), "must name nodes that exist"),
         (broken(lambda c: c["inputs"][0].update(shape=[1])), "not enough values"),
         (broken(lambda c: c.update(outputs=7)), "every part in its form"),
+        (broken(lambda c: c["outputs"][0]["entries"][0].__setitem__(0, 1)), "places within its shape"),
+        (broken(lambda c: c["outputs"][0]["entries"].append(c["outputs"][0]["entries"][0])), "name every place once"),
+        (broken(lambda c: c["inputs"][0].update(labels=[])), "name every place once"),
+        (broken(lambda c: c["inputs"][0].update(places=[[0, -1]])), "places within its shape"),
+        (broken(lambda c: c.update(lookups=[[0, 0, [0]]])), "must read an output of a table"),
     ],
 )
 def test_text_that_is_no_graph(text, said):

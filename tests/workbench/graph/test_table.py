@@ -10,7 +10,19 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from workbench.graph import RATIONALS, Lookup, Table, Unreadable, call, evaluate, from_json, jacobian, read, to_json
+from workbench.graph import (
+    RATIONALS,
+    Graph,
+    Lookup,
+    Table,
+    Unreadable,
+    call,
+    evaluate,
+    from_json,
+    jacobian,
+    read,
+    to_json,
+)
 from workbench.graph.smooth import breakpoints
 from workbench.graph.symbolic import function
 from workbench.graph.table import value
@@ -185,6 +197,16 @@ def test_numbers_that_are_no_table(changes, said):
     Table(**fields)
     with pytest.raises(ValueError, match=said):
         Table(**{**fields, **changes})
+
+
+@pytest.mark.parametrize(
+    "lookup", [Lookup(1, 0, (0,)), Lookup(-1, 0, (0,)), Lookup(0, 1, (0,)), Lookup(0, 0, (0, 0)), Lookup(0, 0, (-1,))]
+)
+def test_lookups_of_nothing(lookup):
+    table = read(TABLES["linear"]).tables
+    Graph(name="g", inputs=(), outputs=(), nodes=(), tables=table, lookups=(Lookup(0, 0, (2,)),))
+    with pytest.raises(ValueError, match="a lookup of g must"):
+        Graph(name="g", inputs=(), outputs=(), nodes=(), tables=table, lookups=(lookup,))
 
 
 def test_numbers_that_are_read_wrongly_are_refused(monkeypatch):

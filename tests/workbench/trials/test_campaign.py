@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 
 import h5py
 import numpy as np
@@ -16,7 +17,7 @@ from models.quantity import InvalidValue
 from studies.metro.study import STUDY
 from workbench.controllers import ICFDL, PD
 from workbench.trials import settings
-from workbench.trials.campaign import load, run
+from workbench.trials.campaign import figure_file, load, run
 from workbench.trials.length import TrialLength
 from workbench.trials.study import Sweep, TrialStudy
 
@@ -231,8 +232,8 @@ def test_other_things_that_are_no_run(tmp_path):
         ({"reference": "fast"}, "reference must be an array of numbers"),
         ({"trial_length": TrialLength(minimum=60)}, "below the horizon of 50 samples, got 60"),
         ({"controllers": {}}, "at least one controller"),
-        ({"controllers": {"pd": 3}}, "controllers.pd must have source, start and act, got int"),
-        ({"controllers": {"pd": PD}}, "controllers.pd must have source"),
+        ({"controllers": {"pd": 3}}, "controllers.pd must be a Law, made with its settings as in .*; got 3"),
+        ({"controllers": {"pd": PD}}, "controllers.pd must be a Law, made with its settings as in .*; got <class"),
         ({"controllers": {"a/b": PD()}}, "names of letters, digits"),
         ({"name": "../x"}, "name must be letters"),
         ({"plant": PointMass}, "plant must be a Plant"),
@@ -258,3 +259,10 @@ def test_what_fails_half_way_leaves_no_folder_but_the_run(tmp_path):
     (draft,) = tmp_path.iterdir()
     assert caught.value.__notes__ == [f"the run is kept in {draft}"] and draft.name.startswith(".out.draft-")
     xr.testing.assert_identical(load(draft, SMALL).data, done.data)
+
+
+def test_names_of_figures_become_names_of_files():
+    names = ["mse", "a/b", "小车", "x" * 300, "x" * 301, "小" * 100]
+    files = [figure_file(name) for name in names]
+    assert files[:3] == ["mse", "a_b", "小车"] and len(set(files)) == len(names)
+    assert all(len(os.fsencode(file)) <= 200 for file in files)

@@ -174,6 +174,22 @@ def test_a_failure_leaves_the_old_and_keeps_a_whole_run(error: BaseException, ou
         assert now == before
 
 
+def test_an_interrupt_while_folders_are_exchanged_comes_after(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(out, **{"scores.json": "old"})
+    name = "_exchange" if drafts._stays(out) is False else "_exchange_within"
+    exchange = getattr(drafts, name)
+
+    def interrupted(*arguments: Path) -> None:
+        signal.raise_signal(signal.SIGINT)
+        exchange(*arguments)
+
+    monkeypatch.setattr(drafts, name, interrupted)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        write(out, **{"scores.json": "new"})
+    assert caught.value.__notes__ == ["everything was written"] and (out / "scores.json").read_text() == "new"
+    assert not [path for path in (*out.parent.iterdir(), *out.iterdir()) if path.name.startswith(".")]
+
+
 def test_a_link_and_the_folder_s_rights_stay(tmp_path: Path) -> None:
     real = tmp_path / "real"
     write(real)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from models.point_mass import PointMass
+from models.reference import Reference
 from workbench.controllers import ICFDL, PD
 from workbench.trials.campaign import run
 from workbench.trials.study import TrialStudy
@@ -15,7 +16,7 @@ from workbench.trials.study import TrialStudy
 ROW = 70 * np.sin(np.linspace(0, np.pi, 41))
 
 
-class Counted:
+class Counted(Reference):
     """A reference that counts how often it is asked."""
 
     def __init__(self, row):

@@ -1,7 +1,8 @@
 """Fuzzy rules as symbolic expressions: named memberships, min for AND, max for aggregation.
 
 Rules are data: which terms of the inputs lead to which term of the output. Inference works on SX, MX and DM
-alike, so a law that uses rules compiles like any other.
+alike, so a law that uses rules compiles like any other. A compiled law cannot refuse a sample at which no rule
+fires; so that is settled when the rules are made: they cover every input, or they declare a default.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from functools import reduce
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -25,7 +26,32 @@ class Membership(NamedTuple):
 
     def degree(self, z: Any) -> Any:
         """Return how far z belongs to the set."""
-        return SHAPES[self.shape](z, *self.corners)
+        return SHAPES[self.shape].degree(z, *self.corners)
+
+    @property
+    def support(self) -> Support:
+        """Where the degree is positive, in double precision."""
+        return SHAPES[self.shape].support(*self.corners)
+
+
+class Support(NamedTuple):
+    """An interval from ``low`` to ``high``, infinite ends allowed; the ends belong to it where they are closed."""
+
+    low: float
+    high: float
+    low_closed: bool = False
+    high_closed: bool = False
+
+    def holds(self, z: float) -> bool:
+        """Return whether z lies in the interval."""
+        return self.low < z < self.high or (z == self.low and self.low_closed) or (z == self.high and self.high_closed)
+
+
+class Shape(NamedTuple):
+    """How a degree, and the interval where it is positive, come from corners."""
+
+    degree: Callable[..., Any]
+    support: Callable[..., Support]
 
 
 def s_shaped(low: float, high: float) -> Membership:
@@ -39,13 +65,53 @@ def z_shaped(low: float, high: float) -> Membership:
 
 
 def triangle(left: float, top: float, right: float) -> Membership:
-    """Return the triangle that is 0 outside (left, right) and 1 at ``top``."""
-    return Membership("triangle", _rising("triangle", left, top, right))
+    """Return the triangle that is 0 outside (left, right) and 1 at ``top``.
+
+    A side may be upright: ``triangle(0, 0, 5)`` is 0 below 0, 1 at 0 and falls to 0 at 5.
+    """
+    return Membership("triangle", _ordered("triangle", left, top, right))
+
+
+def trapezoid(left: float, first: float, last: float, right: float) -> Membership:
+    """Return the trapezoid that is 0 outside (left, right) and 1 from ``first`` to ``last``; sides may be upright."""
+    return Membership("trapezoid", _ordered("trapezoid", left, first, last, right))
+
+
+def left_shoulder(top: float, right: float) -> Membership:
+    """Return the line that is 1 up to ``top`` and falls to 0 at ``right``."""
+    return Membership("left_shoulder", _rising("left_shoulder", top, right))
+
+
+def right_shoulder(left: float, top: float) -> Membership:
+    """Return the line that rises from 0 at ``left`` and is 1 from ``top`` on."""
+    return Membership("right_shoulder", _rising("right_shoulder", left, top))
+
+
+def gaussian(center: float, width: float) -> Membership:
+    """Return exp(-((z - center) / width)^2 / 2); beyond 38 widths it is 0 in double precision."""
+    _finite("gaussian", center, width)
+    if width <= 0:
+        raise InvalidValue(f"gaussian needs a positive width, got {width}")
+    return Membership("gaussian", (center, width))
+
+
+def _finite(what: str, *corners: float) -> tuple[float, ...]:
+    if not all(math.isfinite(corner) for corner in corners):
+        raise InvalidValue(f"{what} needs finite numbers, got {corners}")
+    return corners
 
 
 def _rising(what: str, *corners: float) -> tuple[float, ...]:
-    if any(a >= b for a, b in pairwise(corners)):
+    if any(a >= b for a, b in pairwise(_finite(what, *corners))):
         raise InvalidValue(f"{what} needs corners in rising order, got {corners}")
+    return corners
+
+
+def _ordered(what: str, *corners: float) -> tuple[float, ...]:
+    if any(a > b for a, b in pairwise(_finite(what, *corners))) or corners[0] == corners[-1]:
+        raise InvalidValue(
+            f"{what} needs corners in rising order, equal ones only where a side is upright, got {corners}"
+        )
     return corners
 
 
@@ -61,10 +127,43 @@ def _z(z: Any, low: float, high: float) -> Any:
 
 
 def _triangle(z: Any, left: float, top: float, right: float) -> Any:
-    return ca.fmax(0, ca.fmin((z - left) / (top - left), (right - z) / (right - top)))
+    return ca.fmax(0, ca.fmin(_rise(z, left, top), _fall(z, top, right)))
 
 
-SHAPES: Mapping[str, Callable[..., Any]] = {"s": _s, "z": _z, "triangle": _triangle}
+def _trapezoid(z: Any, left: float, first: float, last: float, right: float) -> Any:
+    return ca.fmax(0, ca.fmin(1, ca.fmin(_rise(z, left, first), _fall(z, last, right))))
+
+
+def _rise(z: Any, left: float, top: float) -> Any:
+    return (z - left) / (top - left) if left < top else ca.if_else(z >= top, 1, 0)
+
+
+def _fall(z: Any, top: float, right: float) -> Any:
+    return (right - z) / (right - top) if top < right else ca.if_else(z <= top, 1, 0)
+
+
+def _left_shoulder(z: Any, top: float, right: float) -> Any:
+    return ca.fmax(0, ca.fmin(1, _fall(z, top, right)))
+
+
+def _right_shoulder(z: Any, left: float, top: float) -> Any:
+    return ca.fmax(0, ca.fmin(1, _rise(z, left, top)))
+
+
+def _gaussian(z: Any, center: float, width: float) -> Any:
+    return ca.exp(-(((z - center) / width) ** 2) / 2)
+
+
+SHAPES: Mapping[str, Shape] = {
+    # squares of what is smaller than these shares of the width are lost beside 1, or are 0 themselves
+    "s": Shape(_s, lambda low, high: Support(low + 1e-150 * (high - low), math.inf)),
+    "z": Shape(_z, lambda low, high: Support(-math.inf, high - 1e-8 * (high - low))),
+    "triangle": Shape(_triangle, lambda left, top, right: Support(left, right, left == top, top == right)),
+    "trapezoid": Shape(_trapezoid, lambda left, first, last, right: Support(left, right, left == first, last == right)),
+    "left_shoulder": Shape(_left_shoulder, lambda top, right: Support(-math.inf, right)),
+    "right_shoulder": Shape(_right_shoulder, lambda left, top: Support(left, math.inf)),
+    "gaussian": Shape(_gaussian, lambda center, width: Support(center - 38 * width, center + 38 * width)),
+}
 
 
 class Rule(NamedTuple):
@@ -76,7 +175,14 @@ class Rule(NamedTuple):
 
 @declared
 class Rules:
-    """Inputs and output with named terms, the rules between them, and the points that the output is cut into."""
+    """Inputs and output with named terms, the rules between them, and the points that the output is cut into.
+
+    Raises
+    ------
+    InvalidValue
+        If a rule names what there is not, an output term that a rule ends in is 0 at every point of the axis, the axis
+        is not in order, or no rule fires at some input while no ``default`` is declared.
+    """
 
     inputs: Mapping[str, Mapping[str, Membership]] = given(doc="the terms of every input, by name")
     output: Mapping[str, Membership] = given(doc="the terms of the output, by name")
@@ -84,9 +190,10 @@ class Rules:
     low: float = given(default=-1.0, doc="smallest value of the output")
     high: float = given(default=1.0, doc="largest value of the output")
     points: int = count(default=101, doc="points of the output's axis", least=2)
+    default: float | None = given(default=None, doc="the output where no rule fires; none if one always does")
 
     def check(self) -> None:
-        """Raise InvalidValue where a rule names an input or a term that there is not."""
+        """Raise InvalidValue where a rule cannot be read, or leaves the output open."""
         if not self.rules:
             raise InvalidValue("rules must hold at least one rule, got none")
         for rule in self.rules:
@@ -100,6 +207,45 @@ class Rules:
                     raise InvalidValue(f"a rule names the term {term!r} of {name}; its terms are: {known}")
             if rule.then not in self.output:
                 raise InvalidValue(f"a rule ends in the term {rule.then!r}; the output's are: {', '.join(self.output)}")
+        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
+            raise InvalidValue(f"low must be below high, both finite, got low {self.low} and high {self.high}")
+        for term in dict.fromkeys(rule.then for rule in self.rules):
+            if not any(float(self.output[term].degree(z)) > 0 for z in self.axis):
+                raise InvalidValue(
+                    f"the output term {term!r} is 0 at each of the {self.points} points from {self.low:g} to "
+                    f"{self.high:g}; take more points, or make it wider"
+                )
+        if self.default is None:
+            gap = self.uncovered()
+            if gap is not None:
+                where = ", ".join(f"{name} = {value:.6g}" for name, value in gap.items())
+                raise InvalidValue(f"no rule fires at {where}; let terms overlap there, or declare a default output")
+        elif not self.low <= self.default <= self.high:
+            raise InvalidValue(f"default must lie in [{self.low:g}, {self.high:g}], got {self.default}")
+
+    def uncovered(self) -> dict[str, float] | None:
+        """Return an input, by name, at which no rule fires, or None if one fires wherever the inputs are.
+
+        Which terms have a positive degree changes only at the ends of their supports: one input in each piece between
+        them, and each end itself, stand for all.
+        """
+        pieces = {name: self._pieces(name) for name in dict.fromkeys(name for rule in self.rules for name in rule.when)}
+        for chosen in product(*pieces.values()):
+            live = {name: terms for name, (terms, _) in zip(pieces, chosen, strict=True)}
+            if not any(all(term in live[name] for name, term in rule.when.items()) for rule in self.rules):
+                return {name: z for name, (_, z) in zip(pieces, chosen, strict=True)}
+        return None
+
+    def _pieces(self, name: str) -> list[tuple[frozenset[str], float]]:
+        """The sets of terms that are positive together at some z, least sets only, and such a z."""
+        supports = {term: membership.support for term, membership in self.inputs[name].items()}
+        ends = sorted({end for s in supports.values() for end in (s.low, s.high) if math.isfinite(end)}) or [0.0]
+        beyond = max(1.0, ends[-1] - ends[0])
+        points = [*ends, *((a + b) / 2 for a, b in pairwise(ends)), ends[0] - beyond, ends[-1] + beyond]
+        found: dict[frozenset[str], float] = {}
+        for z in points:
+            found.setdefault(frozenset(term for term, support in supports.items() if support.holds(z)), z)
+        return [(terms, z) for terms, z in found.items() if not any(other < terms for other in found)]
 
     @property
     def axis(self) -> tuple[float, ...]:
@@ -109,6 +255,8 @@ class Rules:
 
     def strengths(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return how far each output term is called for: max over its rules of the min over the inputs."""
+        if values.keys() != self.inputs.keys():
+            raise InvalidValue(f"the inputs are {', '.join(self.inputs)}, got {', '.join(values) or 'none'}")
         degrees = {
             (name, term): membership.degree(values[name])
             for name, terms in self.inputs.items()
@@ -134,7 +282,7 @@ class Rules:
         return degrees
 
     def mean_of_maxima(self, **values: Any) -> Any:
-        """Return the mean of the points with the largest degree, given every input by name.
+        """Return the mean of the points with the largest degree, given every input by name; ``default`` if none fires.
 
         The largest degree is the max over terms of min(strength, the term's height); a point has it where a term
         that is called for so far is at least so high. That is exact, and cheaper than ``aggregated``.
@@ -148,4 +296,14 @@ class Rules:
             reaching = [heights[term][index] >= needed[term] for term in fired if heights[term][index] > 0]
             one = reduce(ca.logic_or, reaching) if reaching else 0.0
             total, weighted = total + one, weighted + z * one
-        return weighted / total
+        mean = weighted / total
+        return mean if self.default is None else ca.if_else(top > 0, mean, self.default)
+
+    def centroid(self, **values: Any) -> Any:
+        """Return the centre of area of the inferred set, given every input by name; ``default`` if no rule fires."""
+        degrees = self.aggregated(values)
+        area = sum(degrees)
+        moment = sum(z * degree for z, degree in zip(self.axis, degrees, strict=True))
+        if self.default is None:
+            return moment / area
+        return ca.if_else(area > 0, moment / ca.if_else(area > 0, area, 1), self.default)

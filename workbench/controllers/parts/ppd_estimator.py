@@ -10,10 +10,11 @@ from typing import Any
 import casadi as ca
 
 from models.quantity import InvalidValue, declared, quantity
+from workbench.contracts.law import Estimator, Law
 
 
 @declared
-class Parameters:
+class Parameters(Law):
     """The parameters of a CFDL law, in units of the law's own ``force_unit`` (lam, mu and eps are absolute)."""
 
     eta: float = quantity(default=1.0, unit="1", doc="step of the estimator", above=0, most=1)
@@ -25,6 +26,12 @@ class Parameters:
         default=None, unit="output/force unit", doc="phi(k,1); null takes sqrt(lam)", optional=True
     )
     initial_input: float = quantity(default=1500.0, unit="N", doc="input of the first trial")
+    force_unit: float = quantity(default=100.0, unit="N", doc="the unit that the law computes forces in", above=0)
+
+    @property
+    def estimator(self) -> Estimator:
+        """Its own parameters."""
+        return self
 
     def check(self) -> None:
         """Raise InvalidValue where phi0 is zero: its sign is the assumed control direction."""
