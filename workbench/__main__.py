@@ -6,6 +6,7 @@ import _thread
 import signal
 import sys
 import threading
+from collections.abc import Iterator
 from types import FrameType
 
 
@@ -44,8 +45,15 @@ def main() -> None:
     except BaseException as error:
         if not interrupted or (isinstance(error, SystemExit) and not error.code):
             raise
-        print("workbench: interrupted, nothing was written", file=sys.stderr)
+        print(f"workbench: interrupted, {next(_notes(error), 'nothing was written')}", file=sys.stderr)
         sys.exit(130)
+
+
+def _notes(error: BaseException | None) -> Iterator[str]:
+    """Yield what was noted on an error and on those that it came from: what was kept of the work."""
+    while error is not None:
+        yield from getattr(error, "__notes__", ())
+        error = error.__cause__ or error.__context__
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ import signal
 import sys
 import unicodedata
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -94,11 +93,12 @@ def show(name: Name) -> None:
 def run(name: Name, assignments: Settings = None, seed: Seed = None, out: Out = None, as_json: Json = False) -> None:
     """Run a study and write run.nc, scores.json and figures/."""
     from workbench.trials import campaign
+    from workbench.trials.draft import replacing
 
     with _computing():
         study = _study(name, assignments, seed)
         folder = out or Path("out") / campaign.figure_file(study.name)
-        with _replacing(folder) as draft:
+        with replacing(folder) as draft:
             done = campaign.run(study)
             done.record(draft)
             done.write(draft)
@@ -129,11 +129,12 @@ def verify(
     from verification.decide.verify import verify as examine
     from verification.report import write as report
     from workbench.trials import campaign
+    from workbench.trials.draft import replacing
 
     with _computing():
         study = _study(name, assignments, seed)
         folder = out or Path("out") / campaign.figure_file(study.name)
-        with _replacing(folder) as draft:
+        with replacing(folder) as draft:
             done = campaign.run(study)
             done.record(draft)
             found = examine(done, full=full)
@@ -164,13 +165,14 @@ def compare(
     from workbench.design import table as comparing
     from workbench.trials import campaign
     from workbench.trials import find as studies
+    from workbench.trials.draft import replacing
 
     named = None if laws is None else [law.strip() for law in laws.split(",") if law.strip()]
     seeded = [f"seed={seed}"] if seed is not None else []
     with _computing():
         study = studies.find(name)
         folder = out or Path("out") / campaign.figure_file(f"compare-{study.name}")
-        with _replacing(folder) as draft:
+        with replacing(folder) as draft:
             done = comparing.compare(study, named, [*(assignments or []), *seeded])
             done.record(draft)
             times = comparing.times(done)
@@ -195,20 +197,6 @@ def compare(
         _print_table([tuple(proofs.header), *(tuple(row) for row in proofs.rows)])
         print(f"\nReport:   {folder / 'report.html'}")
     print(f"\nTable:    {folder / 'table.csv'} (times: times.csv)\nFigures:  {folder / 'figures'}/")
-
-
-@contextmanager
-def _replacing(folder: Path) -> Iterator[Path]:
-    """Give a draft that takes a folder's place at the end; an interrupt ends with one line and status 130."""
-    from workbench.trials.draft import replacing
-
-    try:
-        with replacing(folder) as draft:
-            yield draft
-    except KeyboardInterrupt as stop:
-        said = [*(getattr(stop, "__notes__", None) or map(str, stop.args)), "nothing was written"]
-        print(f"workbench: interrupted, {said[0]}", file=sys.stderr)
-        raise typer.Exit(130) from None
 
 
 def _print_scores(scores: Any, data: Any) -> None:

@@ -48,7 +48,7 @@ def replacing(folder: str | os.PathLike[str]) -> Iterator[Path]:
     processes that write the same folder, the later one replaces all that the earlier one wrote. Raises InvalidValue
     where the folder cannot be written, holds what no run wrote, or the disk is full.
     """
-    given = Path(folder)
+    given, made = Path(folder), list[Path]()
     try:
         target = given.resolve()
         made = [parent for parent in target.parents if not parent.exists()]
@@ -60,9 +60,10 @@ def replacing(folder: str | os.PathLike[str]) -> Iterator[Path]:
         with _locked(target if inside else None):
             foreign(target, given)
         draft, held = _begun(place, name)
-    except InvalidValue:
-        raise
     except (OSError, ValueError) as error:
+        _unmake(made)
+        if isinstance(error, InvalidValue):
+            raise
         said = error.strerror if isinstance(error, OSError) else str(error)
         raise InvalidValue(
             f"the output folder {given} must be writable, got: {said}; give another with --out"
@@ -73,23 +74,32 @@ def replacing(folder: str | os.PathLike[str]) -> Iterator[Path]:
         with _uninterrupted():
             (_exchange_within if inside else _exchange)(draft, target, given)
     except OSError as error:
-        kept = _left(draft, given, disk=error.errno in DISK)
+        kept = _left(draft, disk=error.errno in DISK)
         raise InvalidValue(
             f"writing to {given} failed: {error.strerror or error}; what it held is as it was{kept}: "
             "free some room, or give another folder with --out"
         ) from None
     except InvalidValue as error:
-        raise InvalidValue(f"{error}{_left(draft, given)}") from None
+        kept = _left(draft)
+        refused = InvalidValue(f"{error}{kept}")
+        if kept:  # an interrupt may have become such an error, and is told by the note
+            refused.add_note(kept.removeprefix("; "))
+        raise refused from None
     except BaseException as error:
-        if kept := _left(draft, given):
+        if kept := _left(draft):
             error.add_note(kept.removeprefix("; "))
         raise
     finally:
         if held is not None:
             os.close(held)
-        for parent in made:
-            if parent.is_dir() and not any(parent.iterdir()):
-                parent.rmdir()
+        _unmake(made)
+
+
+def _unmake(made: list[Path]) -> None:
+    """Remove folders that were made, inner ones first, where they are empty."""
+    for folder in made:
+        if folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
 
 
 def _begun(place: Path, name: str) -> tuple[Path, int | None]:
@@ -272,7 +282,7 @@ def _exchange_within(draft: Path, target: Path, given: Path) -> None:
         draft.rmdir()
 
 
-def _left(draft: Path, given: Path, *, disk: bool = False) -> str:
+def _left(draft: Path, *, disk: bool = False) -> str:
     """Remove a draft that holds no whole run, or lies on a disk that fails; return words about one that is kept."""
     if not draft.is_dir():
         return ""
@@ -334,4 +344,8 @@ def _uninterrupted() -> Iterator[None]:
     finally:
         signal.signal(signal.SIGINT, before)
     if came:
-        raise KeyboardInterrupt("everything was written")
+        try:
+            before(signal.SIGINT, came[0])
+        except KeyboardInterrupt as stop:
+            stop.add_note("everything was written")
+            raise

@@ -114,6 +114,8 @@ def test_what_an_earlier_run_wrote_is_gone(out: Path, exchanged: bool, monkeypat
     [
         ("thesis.tex", {"thesis.tex": "x"}),
         ("sub/thesis.tex", {"sub/thesis.tex": "x"}),
+        ("report.html", {"report.html": "x"}),
+        ("figures/a.svg", {"figures/a.svg": "x"}),
         ("notes.txt", {"run.nc": "x", "scores.json": "x", "notes.txt": "x"}),
         ("figures/mine.txt", {"run.nc": "x", "figures/mine.txt": "x"}),
         ("more.json", {"run.nc": "x", "more.json": "x", "provenance.json": '{"files": ["run.nc"]}'}),
@@ -170,6 +172,22 @@ def test_a_failure_leaves_the_old_and_keeps_a_whole_run(error: BaseException, ou
         assert draft.is_dir() == kept and (f"the run is kept in {draft}" in said) == kept
         now = {name: one for name, one in snapshot(out).items() if not name.startswith(".draft-")}
         assert now == before
+
+
+def test_an_interrupt_while_folders_are_exchanged_comes_after(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(out, **{"scores.json": "old"})
+    name = "_exchange" if drafts._stays(out) is False else "_exchange_within"
+    exchange = getattr(drafts, name)
+
+    def interrupted(*arguments: Path) -> None:
+        signal.raise_signal(signal.SIGINT)
+        exchange(*arguments)
+
+    monkeypatch.setattr(drafts, name, interrupted)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        write(out, **{"scores.json": "new"})
+    assert caught.value.__notes__ == ["everything was written"] and (out / "scores.json").read_text() == "new"
+    assert not [path for path in (*out.parent.iterdir(), *out.iterdir()) if path.name.startswith(".")]
 
 
 def test_a_link_and_the_folder_s_rights_stay(tmp_path: Path) -> None:
@@ -229,6 +247,31 @@ def test_a_stopped_command_leaves_the_old_and_a_draft(command: str, sent: signal
     status, said = done("run", "own.py", "--out", "out", cwd=tmp_path)
     assert status == 0 and len(said.splitlines()) == 1 and f"half-way left {left}: keep what you need" in said
     assert left.is_dir()
+
+
+WAIT = "(Path('drawing').write_text(''), time.sleep(60))"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        OWN.replace("trials=9,", f"trials=9, watch=lambda: {WAIT},"),
+        f"{OWN}\n{WAIT}\n",
+        OWN.replace("trials=9,", f"trials=9, scorers=(lambda study, data: {WAIT},),"),
+    ],
+    ids=["running", "loading the study", "scores"],
+)
+def test_an_interrupt_anywhere_is_one_line(text: str, tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(text)
+    running = started("run", "own.py", "--out", "some/out", cwd=tmp_path)
+    waited(tmp_path / "drawing")
+    running.send_signal(signal.SIGINT)
+    printed, said = running.communicate(timeout=60)
+    assert running.returncode == 130 and printed == ""
+    kept = list(tmp_path.glob("some/.out.draft-*"))
+    told = f"the run is kept in {kept[0]}" if kept else "nothing was written"
+    assert said == f"workbench: interrupted, {told}\n"
+    assert (tmp_path / "some").exists() == bool(kept) and not (tmp_path / "some" / "out").exists()
 
 
 def test_a_failing_figure_keeps_the_run(tmp_path: Path) -> None:
