@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import casadi as ca
 
+from models.limits import Limits
 from models.plant import Signal
 
 
@@ -23,6 +24,8 @@ class Task(NamedTuple):
     """The reference, shape (outputs, N + 1)."""
     sampling_time: Any
     """The sampling time in seconds."""
+    limits: Limits = Limits()
+    """What limits the plant's inputs, in its units, however it was given; infinite by default."""
 
     @property
     def samples(self) -> int:
