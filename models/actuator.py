@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
+from models.limits import Limits
 from models.plant import Plant, Signal
 from models.quantity import InvalidValue, count, declared, part, quantity
 
@@ -43,6 +44,11 @@ class Wrapper(Plant):
     def disturbances(self) -> Any:  # type: ignore[override]  # those of the inner plant
         """Disturbances of the inner plant."""
         return self.plant.disturbances
+
+    @property
+    def input_limits(self) -> Limits:
+        """Limits of the inner plant: a command beyond them does no more, also behind a lag or a dead time."""
+        return self.plant.input_limits
 
     def output(self, x: Any) -> Any:
         """Return the outputs of the inner plant."""
@@ -142,6 +148,11 @@ class Saturated(Wrapper):
         """States of the inner plant."""
         return self.plant.states
 
+    @property
+    def input_limits(self) -> Limits:
+        """Limits of the inner plant and these."""
+        return self.plant.input_limits.tightened(self.lower, self.upper)
+
     def step(self, x: Any, u: Any, w: Any, k: Any) -> Any:
         """Return the inner plant's next state for the limited input."""
         return self.plant.next_state(x.vector, self.limited(u.vector), w.vector, k)
@@ -172,6 +183,11 @@ class RateLimited(Wrapper):
     def states(self) -> Any:  # type: ignore[override]  # those of the inner plant and its own
         """States of the inner plant, then the inputs of the last sample."""
         return (*self.plant.states, *_own(self.plant.inputs, "before", "last sample's"))
+
+    @property
+    def input_limits(self) -> Limits:
+        """Limits of the inner plant and this rate."""
+        return self.plant.input_limits.tightened(rate=self.rate)
 
     def step(self, x: Any, u: Any, w: Any, k: Any) -> Any:
         """Return the next state for an input that moves towards the command."""

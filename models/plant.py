@@ -14,6 +14,7 @@ from typing import Any, ClassVar, NamedTuple, final
 import casadi as ca
 
 from models.function_name import function_name
+from models.limits import Limits
 from models.quantity import InvalidValue, symbolised
 
 
@@ -115,7 +116,7 @@ class Plant(ABC):
 
     A subclass is a :func:`models.quantity.declared` dataclass whose fields are quantities with units. It names
     its signals and gives ``step`` and ``output``; both must work on SX, MX and DM alike, and return the values
-    in the order of the signals. Nothing else is meant to be overridden, but for ``applied`` by
+    in the order of the signals. Nothing else is meant to be overridden, but for ``applied`` and ``input_limits`` by
     an actuator's wrapper (:mod:`models.actuator`).
     """
 
@@ -137,6 +138,11 @@ class Plant(ABC):
     def applied(self, x: Any, u: Any, k: Any) -> Any:
         """Return the inputs that act over a sample, given those commanded; an actuator's wrapper gives others."""
         return u
+
+    @property
+    def input_limits(self) -> Limits:
+        """What limits the inputs, however it was given: nothing, unless an actuator's wrapper says so."""
+        return Limits()
 
     @final
     @property

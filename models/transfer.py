@@ -56,7 +56,7 @@ class Transfer(Plant):
             )
         if growing > GROWTH:
             raise InvalidValue(
-                f"denominator must have poles that grow by finite factors a sample, got one of exp({growing:.3g})"
+                f"denominator must have poles that grow by finite factors a sample, got one by exp({growing:.3g})"
             )
 
     @classmethod

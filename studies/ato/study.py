@@ -161,7 +161,7 @@ class AtoStudy(Study):
     def once(self, setting: Setting, fold: Fold, machine: ca.Function, law: Any) -> TrialRecord:
         """Run a law once through a compiled fold of its structure: its numbers and its memory are inputs there."""
         n = fold.samples
-        memory = law.start(Task(ca.DM(setting.reference), self.plant.sampling_time))
+        memory = law.start(Task(ca.DM(setting.reference), self.plant.sampling_time, self.plant.input_limits))
         if "added" in memory._fields:
             memory = memory._replace(added=ca.DM(setting.added / law.input_unit))
         elif np.any(setting.added):

@@ -117,8 +117,8 @@ class MaglevStudy(Study):
         )
 
     def told(self, law: Any) -> Any:
-        """Return the law with what it knows of this study: the train, the error of its period, the force limit."""
-        known = {"model": self.train, "late": self.late, "limit": self.force_limit}
+        """Return the law with what it knows of this study: the train and the error of its period."""
+        known = {"model": self.train, "late": self.late}
         fields = {field.name for field in dataclasses.fields(law)}
         return dataclasses.replace(law, **{name: value for name, value in known.items() if name in fields})
 

@@ -167,6 +167,22 @@ def test_a_saturated_force_is_what_acts_and_is_not_learned_from():
     assert (np.abs(told[..., :-1]) > 95000).any()
 
 
+def test_a_limit_is_the_same_however_it_was_given():
+    ways = (["force_limit=95000"], ["actuator.lower=-95000", "actuator.upper=95000"])
+    ways += (
+        ["force_limit=95000", "actuator.lower=-2e5"],
+        ["force_limit=2e5", "actuator.lower=-95000", "actuator.upper=95000"],
+    )
+    first, *others = [
+        campaign(*way, "periods=4", only=["palc-filtered"]).data["law_line_resistance"].values for way in ways
+    ]
+    for other in others:
+        np.testing.assert_array_equal(other, first)
+    free = campaign("periods=4", only=["palc-filtered"]).data["law_line_resistance"].values
+    half = campaign("actuator.upper=95000", "periods=4", only=["palc-filtered"]).data["law_line_resistance"].values
+    assert not np.array_equal(free, first) and not np.array_equal(half, first) and not np.array_equal(half, free)
+
+
 @pytest.mark.parametrize("late", [0, 2, -2])
 def test_what_a_wrong_period_reads(late):
     before, now = ca.DM(range(10, 15)).T, ca.DM(range(20, 25)).T

@@ -13,7 +13,8 @@ import pytest
 import verification
 from models.plant import Plant, Signal, Values, signals
 from models.quantity import InvalidValue, declared, quantity
-from workbench.contracts.law import known
+from workbench.contracts.law import Law
+from workbench.controllers.parts.rows import known
 from workbench.trials.campaign import load, run
 from workbench.trials.study import TrialStudy
 
@@ -48,6 +49,7 @@ def named_study(name: str, other: str) -> TrialStudy:
     memory: Any = NamedTuple(name, [(other.strip("_") + "_", Any)])
     members = {
         "source": "ours",
+        "learns_on": "output",
         "__annotations__": {other: float, "source": ClassVar[str], "tells": ClassVar[tuple]},
         other: quantity(default=0.5, unit="1", doc=other),
         "tells": (Signal(name, "N"),),
@@ -58,7 +60,7 @@ def named_study(name: str, other: str) -> TrialStudy:
         ),
         "tell": lambda self, kept, trial: (kept[0],),
     }
-    law = declared(type(other, (), members))
+    law = declared(type(other, (Law,), members))
     title = f"{name} under {other}"
     return TrialStudy(
         name=f"{name}-",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, final
 
+from models.limits import Limits
 from models.plant import Signal
 
 LearnedSignal = Literal["output", "increment"]
@@ -18,6 +19,8 @@ class Task(NamedTuple):
     """The reference, shape (outputs, N + 1)."""
     sampling_time: Any
     """The sampling time in seconds."""
+    limits: Limits = Limits()
+    """What limits the plant's inputs, in its units, however it was given; infinite by default."""
 
     @property
     def samples(self) -> int:

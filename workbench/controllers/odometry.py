@@ -45,7 +45,7 @@ class Odometry(Law):
         else:
             step = ca.Function("step", [at := ca.MX.sym("x"), dx := ca.MX.sym("dx")], [at + dx])
             x = ca.horzcat(0, step.mapaccum("integrate", task.samples)(0, v[:, :-1] * task.sampling_time))
-        return self.law.start(Task(ca.vertcat(x, v), task.sampling_time))
+        return self.law.start(Task(ca.vertcat(x, v), task.sampling_time, task.limits.scaled(self.input_unit)))
 
     def ready(self, memory: Any) -> Any:
         """Return the law's state, with position and reference position 0."""

@@ -18,11 +18,14 @@ WRAP = 10
 
 
 class Memory(NamedTuple):
-    """The line resistance that the law reads, that learned in the last period, (1, N), N, and the sampling time."""
+    """The line resistance that the law reads, that learned in the last period, (1, N), N, sampling time and limits."""
 
     d_hat: Any
     before: Any
     sampling_time: Any
+    lower: Any
+    """The command in N that does no more when it is lowered; minus infinity where there is none."""
+    upper: Any
 
 
 @declared
@@ -31,7 +34,8 @@ class FilteredPALC(Law):
 
     Learning happens between periods, so the whole last period is at hand: Q is a zero-phase low-pass filter, and the
     lead makes up for lag and dead time between command and force. What would lie beyond the period's end is taken
-    from its beginning. Nothing is learned where the force commanded reaches ``limit``, at the sample or a lead later.
+    from its beginning. Nothing is learned where the force commanded reaches a limit of the plant's, however that was
+    given, or ``limit`` either way, at the sample or a lead later.
     """
 
     source: ClassVar[str] = "ours, after Zhang, Nan, Cao et al., PALC of a maglev train, (12)-(13)"
@@ -40,7 +44,7 @@ class FilteredPALC(Law):
 
     model: NominalModel | None = given(default=None, doc="what the law knows of what it moves; the study gives it")
     late: int = given(default=0, doc="samples by which the assumed period is too long; the study gives its own")
-    limit: float | None = given(default=None, doc="largest force in N; the study gives its own")
+    limit: float | None = given(default=None, doc="largest force in N beside the plant's own limits")
     alpha: float = quantity(default=0.4, unit="1/s", doc="gain on S", above=0)
     lam: float = quantity(default=0.22, unit="1/s", doc="weight of the position error in S", above=0)
     gamma: float = quantity(default=0.2, unit="1/s", doc="learning gain k over the mass", above=0)
@@ -69,7 +73,9 @@ class FilteredPALC(Law):
     def start(self, task: Task) -> Memory:
         """Return nothing learned."""
         nothing = ca.DM.zeros(1, task.samples)
-        return Memory(nothing, nothing, task.sampling_time)
+        own = None if self.limit is None else -self.limit
+        limits = task.limits.tightened(own, self.limit)
+        return Memory(nothing, nothing, task.sampling_time, limits.lower, limits.upper)
 
     def act(self, memory_k: Memory, state: Any, r: Any, r_next: Any, y: Any) -> tuple[Any, Any]:
         """Return the force with the line resistance as learned up to the last period."""
@@ -84,15 +90,14 @@ class FilteredPALC(Law):
         model = needed(self, self.model)
         ahead = round(self.lead_s / model.sampling_time)
         s = _turned(errors(trial.r, trial.y, self.lam).s[:, :-1], ahead)
-        if self.limit is not None:
-            free = ca.fabs(trial.u) < self.limit
-            s = ca.if_else(ca.logic_and(free, _turned(free, ahead)), s, 0)
+        free = ca.logic_and(trial.u > memory.lower, trial.u < memory.upper)
+        s = ca.if_else(ca.logic_and(free, _turned(free, ahead)), s, 0)
         d_hat = memory.d_hat - self.gamma * model.mass * s
         if self.q_cutoff_hz is not None:
             wrap = d_hat.shape[1] // WRAP
             wide = ca.horzcat(d_hat[:, -wrap:], d_hat, d_hat[:, :wrap])
             d_hat = zero_phase.low_pass(wide, self.q_cutoff_hz, memory.sampling_time)[:, wrap:-wrap]
-        return Memory(late_by(self.late, memory.before, d_hat), d_hat, memory.sampling_time)
+        return memory._replace(d_hat=late_by(self.late, memory.before, d_hat), before=d_hat)
 
     def tell(self, memory: Memory, trial: Trial) -> Any:
         """Return the learned line resistance that the period ran with."""

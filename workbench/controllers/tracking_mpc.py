@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-import dataclasses
+import math
 from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 
-from models.actuator import Actuator
 from models.plant import Signal, signals
 from models.quantity import InvalidValue, count, declared, quantity
 from workbench.contracts.law import Law, Task, Trial
+from workbench.controllers.parts.box_program import minimum
 
 
 class Memory(NamedTuple):
-    """The references of the samples to come, (horizon, N), and the sampling time."""
+    """The references of the samples to come, (horizon, N), the sampling time, and limits in units of ``input_unit``."""
 
     ahead: Any
     sampling_time: Any
+    lower: Any
+    upper: Any
+    rate: Any
 
 
 class Acting(NamedTuple):
@@ -35,9 +38,13 @@ class TrackingMPC(Law):
     """Minimise sum (r - y)^2 + weight sum (change of u)^2 over a horizon, u constant in blocks between its limits.
 
     The model is y(k+1) = a y(k) + b u(k) + d, with d the last model error, low-pass filtered, so that tracking has
-    no offset. The box-constrained quadratic program is solved by projected Gauss-Seidel sweeps from the last plan,
-    shifted; ``residual``, which the law tells, is the largest step that a further sweep would begin with, relative to
-    ``input_unit``. A rate limit is known to the estimator only: the plan is cut to it at the sample.
+    no offset. The box-constrained quadratic program is solved in ``sweeps`` rounds from the last plan, shifted: each is
+    a projected Gauss-Seidel sweep, which converges from anywhere, then two of Newton's steps on the face where it ends,
+    exact once that face is the optimum's (:mod:`workbench.controllers.parts.box_program`). Of 11 000 random programs
+    with 5 blocks none needed more than 5 rounds to be exact to rounding, of 800 with 20 blocks none more than 8.
+    ``residual``, which the law tells, is the largest step that a further sweep would begin with, relative to
+    ``input_unit``. The limits are those of the plant, tightened by the law's own. A rate limit is known to the
+    estimator only: the plan is cut to it at the sample.
     """
 
     source: ClassVar[str] = "ours, after Rawlings, Mayne & Diehl, Model Predictive Control, 2017, 1.5"
@@ -50,7 +57,7 @@ class TrackingMPC(Law):
     smoothing: float = quantity(default=0.3, unit="1", doc="share of a new model error in d", above=0, most=1)
     horizon: int = count(default=20, unit="samples", doc="samples that are looked ahead", least=1, most=200)
     blocks: int = count(default=5, doc="blocks of constant input in the horizon", least=1, most=20)
-    sweeps: int = count(default=40, doc="Gauss-Seidel sweeps a sample", least=1, most=500)
+    sweeps: int = count(default=6, doc="rounds of a sample's QP, each a sweep and two steps", least=1, most=500)
     input_unit: float = quantity(default=1.0, unit="plant's input", doc="the unit that the law gives u in", above=0)
     lower: float | None = quantity(
         default=None, unit="plant's input", doc="least input", optional=True, structural=True
@@ -69,10 +76,6 @@ class TrackingMPC(Law):
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
             raise InvalidValue(f"lower must lie below upper, got {self.lower!r} and {self.upper!r}")
 
-    def behind(self, actuator: Actuator) -> TrackingMPC:
-        """Return the law with the limits of an actuator."""
-        return dataclasses.replace(self, lower=actuator.lower, upper=actuator.upper, rate=actuator.rate)
-
     def refusal(self, study: Any) -> str | None:
         """Return the refusal of plants with several inputs or outputs."""
         if len(study.plant.inputs) == len(study.plant.outputs) == 1:
@@ -87,7 +90,8 @@ class TrackingMPC(Law):
             known = r[:, min(j, n) : n + 1]
             rows.append(ca.horzcat(known, ca.repmat(r[:, n], 1, n - known.shape[1])))
         ts = task.sampling_time
-        return Memory(ca.vertcat(*rows), ca.MX(ts) if isinstance(ts, ca.MX) else ca.DM(ts))
+        limits = task.limits.tightened(self.lower, self.upper, self.rate).scaled(self.input_unit)
+        return Memory(ca.vertcat(*rows), ca.MX(ts) if isinstance(ts, ca.MX) else ca.DM(ts), *limits)
 
     def ready(self, memory: Memory) -> Acting:
         """Return the state before the first sample: everything 0."""
@@ -100,11 +104,11 @@ class TrackingMPC(Law):
         d = state.d + self.smoothing * (error - state.d)
         free, gains = self._predicted(y, d)
         H, g = self._program(free - memory_k.ahead, gains, state.u)
-        plan, residual = self._solved(H, g, ca.vertcat(state.plan[1:], state.plan[-1]))
+        first = ca.vertcat(state.plan[1:], state.plan[-1])
+        plan, residual = minimum(H, g, memory_k.lower, memory_k.upper, first, self.sweeps)
         u = plan[0]
-        if self.rate is not None:
-            most = self.rate / self.input_unit * memory_k.sampling_time
-            u = state.u + ca.fmin(ca.fmax(u - state.u, -most), most)
+        most = memory_k.rate * memory_k.sampling_time
+        u = ca.if_else(most < math.inf, state.u + ca.fmin(ca.fmax(u - state.u, -most), most), u)
         return u * self.input_unit, Acting(u, y, d, plan, residual)
 
     def tell(self, memory: Memory, trial: Trial) -> Any:
@@ -131,19 +135,3 @@ class TrackingMPC(Law):
         H = gains.T @ gains + self.weight * (change.T @ change)
         first = ca.vertcat(1, ca.DM.zeros(M - 1))
         return H, gains.T @ error - self.weight * u * first
-
-    def _solved(self, H: Any, g: Any, plan: Any) -> tuple[Any, Any]:
-        low, high = (None if limit is None else limit / self.input_unit for limit in (self.lower, self.upper))
-        at = [plan[i] for i in range(self.blocks)]
-        moved: Any = 0
-        for sweep in range(self.sweeps + 1):
-            moved = 0
-            for i in range(self.blocks):
-                slope = g[i] + sum(H[i, j] * at[j] for j in range(self.blocks))
-                value = at[i] - slope / H[i, i]
-                value = value if high is None else ca.fmin(value, high)
-                value = value if low is None else ca.fmax(value, low)
-                moved = ca.fmax(moved, ca.fabs(value - at[i]))
-                if sweep < self.sweeps:
-                    at[i] = value
-        return ca.vertcat(*at), moved

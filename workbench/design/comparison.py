@@ -74,14 +74,13 @@ class Comparison(Study):
         plant: Any = self.plant
         if true and self.mass_off_percent:
             plant = dataclasses.replace(plant, mass=plant.mass * (1 + self.mass_off_percent / 100))
-        limited = {name: law.behind(self.actuator) if hasattr(law, "behind") else law for name, law in laws.items()}
         return TrialStudy(
             name=self.name,
             title=self.title,
             source=self.source,
             plant=self.actuator.wrapped(plant),
             reference=self.reference,
-            controllers=limited,
+            controllers=laws,
             trials=self.trials,
             noise=self.noise,
             seed=seed,

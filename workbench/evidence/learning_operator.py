@@ -47,7 +47,7 @@ def gain(campaign: Campaign, controller: str, memory: Any, left: Any, length: in
     reached = (np.arange(n + 1) <= length).astype(float)[None, :]
     y = np.where(reached > 0, left.y, np.nan)
     e = ca.MX.sym("e", *r.shape)
-    task_memory = law.start(Task(ca.DM(r), study.plant.sampling_time))
+    task_memory = law.start(Task(ca.DM(r), study.plant.sampling_time, study.plant.input_limits))
     kept = type(task_memory)(*(ca.MX(ca.DM(value)) for value in memory))
     trial = Trial(ca.DM(r), ca.MX(ca.DM(y)), e, ca.MX(ca.DM(left.u)), ca.DM(reached), ())
     plan = _plan(law, law.learn(kept, trial), r, n)

@@ -64,7 +64,8 @@ def equations(plant: Plant, law: Law, samples: int) -> Equations:
     names = [f"plant.{name}" for name in plant_sx.names] + [f"law.{name}" for name in law_sx.names]
     symbols = dict(zip(names, [*plant_sx.symbols, *law_sx.symbols], strict=True))
     p = ca.MX.sym("p", len(names))
-    pieces = iter(ca.vertsplit(p)[len(plant_sx.names) :] if names else [])
+    pieces = iter(ca.vertsplit(p) if names else [])
+    limits = symbolised(plant, lambda name: next(pieces)).thing.input_limits
     law_mx: Law = symbolised(law, lambda name: next(pieces)).thing
     given = {
         "x0": ca.MX.sym("x0", nx),
@@ -75,7 +76,7 @@ def equations(plant: Plant, law: Law, samples: int) -> Equations:
         "p": p,
         "sampling_time": ca.MX.sym("sampling_time"),
     }
-    begun = law_mx.start(Task(given["r"], given["sampling_time"]))
+    begun = law_mx.start(Task(given["r"], given["sampling_time"], limits))
     fields = [MEMORY + function_name(name) for name in getattr(begun, "_fields", ())]
     first = tuple(ca.densify(ca.MX(value)) for value in begun)
     kept = {name: ca.MX.sym(name, *value.shape) for name, value in zip(fields, first, strict=True)}

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from models.actuator import Actuator
+from models.actuator import Actuator, Delayed, Lagged, RateLimited, Saturated
+from models.limits import Limits
 from models.maglev import Maglev
 from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
-from models.quantity import InvalidValue
+from models.quantity import InvalidValue, declared
 from models.transfer import Transfer
 from workbench.contracts.law import Task
 from workbench.controllers.odometry import Odometry
@@ -24,6 +26,7 @@ from workbench.controllers.shuttle_pid import ShuttlePID
 from workbench.controllers.tracking_mpc import Acting, TrackingMPC
 from workbench.controllers.variable_gain import VariableGain
 from workbench.design.candidates import candidates
+from workbench.fold.fold import build
 from workbench.trials.campaign import run
 from workbench.trials.study import TrialStudy
 
@@ -32,7 +35,7 @@ from workbench.trials.study import TrialStudy
 @pytest.mark.parametrize(("horizon", "blocks"), [(12, 1), (12, 4), (6, 6)])
 def test_plans_are_those_of_another_solver(seed, horizon, blocks):
     rng = np.random.default_rng(seed)
-    law = TrackingMPC(a=0.95, b=0.3, weight=0.05, smoothing=0.4, horizon=horizon, blocks=blocks, sweeps=500,
+    law = TrackingMPC(a=0.95, b=0.3, weight=0.05, smoothing=0.4, horizon=horizon, blocks=blocks,
                       lower=-1.0, upper=1.5)  # fmt: skip
     ahead, y, before = rng.normal(size=horizon) * 3, rng.normal(), rng.normal(size=3)
     state = Acting(before[0], before[1], before[2], ca.DM.zeros(blocks), 0)
@@ -54,7 +57,7 @@ def test_plans_are_those_of_another_solver(seed, horizon, blocks):
     b = np.concatenate([ahead - free, np.sqrt(0.05) * before[0] * np.eye(blocks)[0]])
     best = lsq_linear(A, b, bounds=(-1.0, 1.5), tol=1e-14).x
     np.testing.assert_allclose(np.asarray(after.plan).ravel(), best, atol=1e-5)
-    assert float(u) == pytest.approx(best[0], abs=1e-5) and float(after.residual) < 1e-6
+    assert float(u) == pytest.approx(best[0], abs=1e-5) and float(after.residual) < 1e-13
 
 
 def test_references_ahead_are_held_at_the_end():
@@ -87,9 +90,71 @@ def test_bad_mpcs_are_refused(fields, message):
         TrackingMPC(**fields)
 
 
-def test_mpc_takes_the_limits_of_an_actuator():
-    law = TrackingMPC().behind(Actuator(lower=-2.0, upper=3.0, rate=5.0))
-    assert (law.lower, law.upper, law.rate) == (-2.0, 3.0, 5.0)
+SHAKEN = {  # a plant whose input is limited in one way or another, and settings of the law that say the same
+    "the plant alone": ({"lower": -0.5, "upper": 0.7, "rate": 2.0}, {}),
+    "the law alone": ({}, {"lower": -0.5, "upper": 0.7, "rate": 2.0}),
+    "both": ({"lower": -0.5, "upper": 0.9, "rate": 2.0}, {"lower": -3.0, "upper": 0.7, "rate": 9.0}),
+}
+
+
+def test_mpc_knows_limits_however_they_were_given():
+    reference = np.concatenate([np.ones(40), -np.ones(40)])
+
+    def inputs(actuator, fields):
+        law = TrackingMPC(a=np.exp(-0.2), b=0.5 * (1 - np.exp(-0.2)), weight=1e-3, input_unit=0.1, **fields)
+        plant = Actuator(**actuator).wrapped(Transfer(numerator=(0.5,)))
+        study = TrialStudy(plant=plant, reference=reference, controllers={"mpc": law}, trials=1)
+        return run(study, show_progress=False).data["input"].values[0, 0, :-1]
+
+    first, *others = [inputs(*one) for one in SHAKEN.values()]
+    assert first.max() == pytest.approx(0.7, rel=1e-15) and first.min() == pytest.approx(-0.5, rel=1e-15)
+    assert np.abs(np.diff(first, prepend=0)).max() == pytest.approx(0.4, rel=1e-12)
+    for other in others:
+        np.testing.assert_allclose(other, first, rtol=0, atol=1e-14)
+    assert not np.allclose(inputs({}, {}), first)
+
+
+@pytest.mark.parametrize(
+    ("wrap", "limits"),
+    [
+        (lambda plant: plant, (-np.inf, np.inf, np.inf)),
+        (lambda plant: Saturated(plant=plant, lower=-1.0, upper=2.0), (-1.0, 2.0, np.inf)),
+        (lambda plant: Saturated(plant=Saturated(plant=plant, upper=1.0), lower=-3.0, upper=2.0), (-3.0, 1.0, np.inf)),
+        (lambda plant: Delayed(plant=RateLimited(plant=plant, rate=4.0), samples=2), (-np.inf, np.inf, 4.0)),
+        (lambda plant: Actuator(lag=1.0, delay=0.4, lower=-1.0, rate=3.0).wrapped(plant), (-1.0, np.inf, 3.0)),
+        (lambda plant: Lagged(plant=RateLimited(plant=Actuator(rate=2.0).wrapped(plant), rate=5.0), time_constant=1.0),
+         (-np.inf, np.inf, 2.0)),
+    ],
+)  # fmt: skip
+def test_a_plant_says_its_limits(wrap, limits):
+    plant = wrap(Transfer())
+    assert plant.input_limits == limits
+    told = []
+
+    @declared
+    class Asking:
+        source = "ours"
+
+        def start(self, task):
+            told.append(task.limits)
+            return ()
+
+        def act(self, memory_k, state, r, r_next, y):
+            return (r_next - y,), state
+
+    fold = build(plant, Asking(), 4)
+    row = ca.MX(ca.vertcat(*told[0]))
+    value = ca.Function("told", ca.symvar(row), [row], ["p"][: len(ca.symvar(row))], ["row"])
+    assert value(**{name: fold.values for name in value.name_in()})["row"].full().ravel().tolist() == list(limits)
+    assert task_in(Odometry(law=Asking(), input_unit=4.0), Limits(*limits)) == tuple(limit / 4 for limit in limits)
+
+
+def task_in(adapter, limits):
+    """Return the limits that the law within an adapter is told; the law's ``start`` must keep them."""
+    seen = []
+    adapter = dataclasses.replace(adapter, law=SimpleNamespace(start=lambda task: seen.append(task.limits)))
+    adapter.start(Task(ca.DM.zeros(1, 4), 0.1, limits))
+    return tuple(seen[0])
 
 
 def train_loop(plant_mass, reference, trials, force):
