@@ -41,9 +41,12 @@ def tightened(source: str) -> str:
 
 
 def _inlined(source: str) -> str:
-    """Replace the library's fmax and fmin, which are calls, by what they mean; NaN stays missing data."""
-    source = source.replace("return fmax(x, y);", "return x>y || y!=y ? x : y;")
-    return source.replace("return fmin(x, y);", "return x<y || y!=y ? x : y;")
+    """Replace the library's fmax and fmin, which are calls, by what they mean; NaN stays missing data.
+
+    Of zeros of both signs the first is taken, as by the C library of x86-64: another's result is its own affair.
+    """
+    source = source.replace("return fmax(x, y);", "return x>=y || y!=y ? x : y;")
+    return source.replace("return fmin(x, y);", "return x<=y || y!=y ? x : y;")
 
 
 def _sizes(arguments: str) -> list[int]:

@@ -17,7 +17,7 @@ from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
 from models.quantity import InvalidValue, declared
 from models.transfer import Transfer
-from workbench.contracts.law import Task
+from workbench.contracts.law import Law, Task
 from workbench.controllers.odometry import Odometry
 from workbench.controllers.palc import PALC
 from workbench.controllers.palc_filtered import FilteredPALC
@@ -132,7 +132,7 @@ def test_a_plant_says_its_limits(wrap, limits):
     told = []
 
     @declared
-    class Asking:
+    class Asking(Law):
         source = "ours"
 
         def start(self, task):
