@@ -18,7 +18,8 @@ FOUR = ("ise", "iae", "itse", "itae")
 def indices(r: Any, y: Any, sampling_time: float, kicks: Sequence[int] | None = None) -> dict[str, float]:
     """Return the indices of one run from reference and output, two arrays of shape (N,).
 
-    Integrals are sums times the sampling time, the time of the k-th sample (from 1) being k Ts. ``kicks`` are the
+    Integrals are sums times the sampling time. ITSE and ITAE weigh the k-th sample, counted from 1 as the paper does,
+    by k Ts: the first one by Ts and not by 0. ``kicks`` are the
     samples (from 1) at which a unit step's input is disturbed: rise (10-90 %), settling (2 %), peak and overshoot are
     taken before the first one, recovery (2 %) from the last one on; without kicks they are NaN, as is what the run
     does not reach. max_jerk is max |D2 y|/Ts^2, energy_index is the integral of |v a| over the distance.

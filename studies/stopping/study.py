@@ -1,6 +1,6 @@
 """Robust self-triggered MPC of a train that stops at a mark.
 
-Predictive laws against a PID; Liu, Xun, Gao & Yin (2022).
+Predictive laws against a PID with feed-forward; Liu, Xun, Gao & Yin (2022).
 """
 
 from __future__ import annotations
@@ -41,7 +41,9 @@ BLOCKS = 60
 
 @declared
 class Stopping(Study):
-    """A train brakes to a stop at a mark, under a PID law, an ideal MPC and tube MPCs of several horizons."""
+    """A train brakes to a stop at a mark, under a PID with feed-forward, an ideal MPC and tube MPCs of several
+    horizons.
+    """
 
     name: str = given(default="stopping", doc="name, used for folders and reports")
     title: str = given(default="Robust self-triggered MPC of a train that stops at a mark", doc="title")

@@ -36,6 +36,7 @@ class PALC(Law):
 
     d_hat is 0 in the first period; learning acts within the period, with the S of the same instant. ``late`` is
     the number of samples by which the period that the law assumes is too long (ours; see the study's period_error).
+    Ours: the force is held over a sample, so dv_d/dt is the reference's mean over the coming one.
     """
 
     source: ClassVar[str] = "Zhang, Nan, Cao et al., PALC of a maglev train, (8)-(13)"

@@ -30,7 +30,8 @@ class ShuttlePID(Law):
     """u = M dv_d/dt + D(v) - M [(alpha + lam) e_v + alpha lam e_x] - Ki integral of e_x.
 
     Ours, as the paper's gains are lost: the same PD terms, feed-forward and compensation as PALC has; the integral
-    runs on from one period to the next, and is summed after the force is computed.
+    runs on from one period to the next, and is summed after the force is computed. dv_d/dt is the reference's mean
+    over the coming sample, as PALC has it.
     """
 
     source: ClassVar[str] = "Zhang, Nan, Cao et al., PALC of a maglev train, the PID of figures 4-12"

@@ -1,4 +1,4 @@
-"""Proportional-integral-derivative control of an error, limited, with the integral held at the limit."""
+"""PID control of an error with feed-forward, limited, with the integral held at the limit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Integral(NamedTuple):
 
 @declared
 class SpeedPID:
-    """u = feed + kp e + ki (integral of e) + kd (de/dt), within limits.
+    """A PID with feed-forward: u = feed + kp e + ki (integral of e) + kd (de/dt), within limits.
 
     Source: the comparison of Liu et al. 2022, doi 10.16383/j.aas.c200039, which prints no gains. At a limit the
     integral does not grow further.
