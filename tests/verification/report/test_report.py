@@ -17,6 +17,7 @@ from models.quantity import InvalidValue, declared, given, quantity
 from verification import Claim, Finding, Standing, verify
 from verification.decide.verify import judge
 from verification.report.write import exit_status, scores_json, shown, shown_value, tally, verdict_table, write
+from workbench.contracts.study import Study
 
 EVIL = "<script>alert('a&b')</script>"
 FILES = {"run.nc", "provenance.json", "scores.json", "verdicts.json", "verdicts.xml", "report.html", "figures"}
@@ -229,11 +230,14 @@ def test_unwritable_folder_is_bad_input(report: Any, tmp_path: Path) -> None:
 
 def test_study_without_a_plant_and_without_figures(report: Any, tmp_path: Path) -> None:
     @declared
-    class Bare:
+    class Bare(Study):
         name: str = given(default="bare", doc="name")
         number: float = quantity(default=1.0, unit="1", doc="a number")
 
         title, source, seed = "", "", 0
+
+        def simulate(self, progress: Any) -> Any:
+            return report.campaign.data
 
         def scores(self, data: Any) -> Any:
             return {}
