@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 .PHONY: demo test test-slow bench check notebooks clean
 
 demo: $(VENV)/.installed
-	$(BIN)/workbench verify metro
+	$(BIN)/workbench verify metro --case default
 
 test: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -n auto

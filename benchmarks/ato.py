@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
+from models.array import Array
 from studies.ato.study import STUDY
+from workbench.contracts import settings
 from workbench.controllers.bp_fipid import BPFIPID
-from workbench.fold.fold import build
-from workbench.fold.machine_code import compiled
+from workbench.fold.fold import stream
+from workbench.trials.simulation import runner_of
 
 PUBLISHED_SECONDS = 36.017
 
@@ -35,7 +35,7 @@ def stimulus(u: float, du: float) -> float:
     return float(AXIS[degrees == degrees.max()].mean())
 
 
-def plain_loop(reference: Any, weights: tuple[Any, Any]) -> Any:
+def plain_loop(reference: Array, weights: tuple[Array, Array]) -> Array:
     """Run plant and law as the paper lists them, sample by sample."""
     n, (w2, w3) = len(reference), weights
     d2, d3 = np.zeros_like(w2), np.zeros_like(w3)
@@ -63,7 +63,7 @@ def plain_loop(reference: Any, weights: tuple[Any, Any]) -> Any:
     return y[2:]
 
 
-def seconds(run: Callable[[], Any], repeats: int) -> float:
+def seconds(run: Callable[[], object], repeats: int) -> float:
     """Return the shortest time of some runs."""
     taken = []
     for _ in range(repeats):
@@ -75,16 +75,21 @@ def seconds(run: Callable[[], Any], repeats: int) -> float:
 
 def rows() -> list[tuple[str, str, str]]:
     """Return (what, measured, target) for the benchmark table."""
-    study = dataclasses.replace(STUDY, test="curve")
-    setting, law = study.setting, BPFIPID()
-    fold = build(setting.plant, law, setting.added.shape[1])
-    built = compiled(fold.trial)
-    ours = study.once(setting, fold, built, law).y[0, :-1]
-    theirs = plain_loop(setting.reference[0, :-1], law.weights())
-    np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
-    compiled_time = seconds(lambda: study.once(setting, fold, built, law), 20)
-    machine_time = seconds(lambda: study.once(setting, fold, fold.trial, law), 5)
-    loop_time = seconds(lambda: plain_loop(setting.reference[0, :-1], law.weights()), 3)
+    law = BPFIPID()
+    study = settings.changed(STUDY, {"curve": True, "draws": 1, "tune": False, "controllers": {"bp-fipid": law}})
+    runner, inputs, reference = runner_of(study, "bp-fipid"), study.inputs(), study.reference_samples
+
+    def built() -> Array:
+        return next(runner.trials(inputs)).y[0, :-1]
+
+    def interpreted() -> Array:
+        return next(stream(runner.fold, reference, inputs)).y[0, :-1]
+
+    weights = law.weights(study.seed)
+    theirs = plain_loop(reference[0, :-1], weights)
+    np.testing.assert_allclose(built(), theirs, rtol=1e-9, atol=1e-9)
+    compiled_time, machine_time = seconds(built, 20), seconds(interpreted, 5)
+    loop_time = seconds(lambda: plain_loop(reference[0, :-1], weights), 3)
     built_ms, loop, machine = 1e3 * compiled_time, 1e3 * loop_time, 1e3 * machine_time
     return [
         (

@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
 
 from benchmarks.measure import least_times
 from studies.maglev.study import STUDY as MAGLEV
 from studies.metro.study import STUDY as METRO
 from studies.variable_gain.study import STUDY as VARIABLE_GAIN
-from workbench.fold.fold import stream
-from workbench.fold.machine_code import compiled
+from workbench.contracts.study import Study
+from workbench.trials.simulation import runner_of
 
 CASES = (
     ("metro: icfdl, a trial of 2000 samples", METRO, "icfdl", 50),
     ("metro: pd, a trial of 2000 samples", METRO, "pd", 50),
-    ("maglev: pid, a period of 17800 samples (four stages of Runge-Kutta)", MAGLEV.trial_study, "pid", 6),
-    ("maglev: palc, the same", MAGLEV.trial_study, "palc", 6),
-    ("maglev: palc-filtered, the same and a zero-phase filter", MAGLEV.trial_study, "palc-filtered", 6),
-    ("variable-gain: variable, a trial of 1040 samples (eight stages)", VARIABLE_GAIN.trial_study, "variable", 50),
-    ("variable-gain: fixed, the same", VARIABLE_GAIN.trial_study, "fixed", 50),
+    ("maglev: pid, a period of 17800 samples (four stages of Runge-Kutta)", MAGLEV, "pid", 6),
+    ("maglev: palc, the same", MAGLEV, "palc", 6),
+    ("maglev: palc-filtered, the same and a zero-phase filter", MAGLEV, "palc-filtered", 6),
+    ("variable-gain: variable, a trial of 1040 samples (eight stages)", VARIABLE_GAIN, "variable", 50),
+    ("variable-gain: fixed, the same", VARIABLE_GAIN, "fixed", 50),
 )
 
 
-def work(study: Any, name: str, trials: int) -> Any:
-    fold, r = study.fold(name), study.reference_samples
-    inputs, machine = study.inputs()[:1] * trials, compiled(fold.trial)
-    return lambda: [None for _ in stream(fold, r, inputs, trial=machine, carry_state=study.continues)]
+def work(study: Study, name: str, trials: int) -> Callable[[], None]:
+    runner, inputs = runner_of(study, name), study.inputs()[:1] * trials
+
+    def run() -> None:
+        for _ in runner.trials(inputs):
+            pass
+
+    return run
 
 
 def rows() -> Iterator[tuple[str, str, str]]:

@@ -20,9 +20,10 @@ from workbench.controllers import ICFDL
 from workbench.fold.fold import build, stream
 from workbench.fold.machine_code import compiled
 from workbench.trials.campaign import run
+from workbench.trials.simulation import Runner
 
 RUN = (
-    "from studies.metro.study import STUDY; from workbench.trials import settings; "
+    "from studies.metro.study import STUDY; from workbench.contracts import settings; "
     "from workbench.trials.campaign import run\n"
 )
 
@@ -38,11 +39,11 @@ def rows() -> Iterator[tuple[str, str, str]]:
 def against_loops() -> Iterator[tuple[str, str, str]]:
     inputs, r = STUDY.inputs(), STUDY.reference_samples
     lengths = np.array([one.length for one in inputs])
-    fold = STUDY.fold("icfdl")
+    fold = Runner(STUDY, "icfdl").fold
     machine = compiled(fold.trial)
     by_numba = loops.numba_campaign()
     mse = loops.recorded(r[0], lengths, by_numba)[0]
-    ours = np.array([left.mse for left in stream(fold, r, inputs, trial=machine)])
+    ours = np.array([left.mse[0] for left in stream(fold, r, inputs, trial=machine)])
     few = 2
     system, time = STUDY.plant.to_control(), np.arange(r.shape[1]) * STUDY.plant.sampling_time
     works = {
@@ -69,7 +70,7 @@ def against_loops() -> Iterator[tuple[str, str, str]]:
 def whole_run() -> Iterator[tuple[str, str, str]]:
     """Give what a run of one law takes over its trials alone, which it streams through the same machine code."""
     study = dataclasses.replace(STUDY, controllers={"icfdl": STUDY.controllers["icfdl"]}, sweeps=())
-    fold, inputs, r = study.fold("icfdl"), study.inputs(), study.reference_samples
+    fold, inputs, r = Runner(study, "icfdl").fold, study.inputs(), study.reference_samples
     machine = compiled(fold.trial)
 
     def trials() -> None:
@@ -88,7 +89,7 @@ def _streamed(fold, r, inputs, machine):
     force, estimate, mse = np.empty((trials, n)), np.empty((trials, n)), np.empty(trials)
     for i, left in enumerate(stream(fold, r, inputs, trial=machine)):
         speed[i], position[i], force[i], estimate[i] = left.y[0], left.x[1], left.u[0], left.estimate[0]
-        mse[i] = left.mse
+        mse[i] = left.mse[0]
     return mse, speed, position, force, estimate
 
 

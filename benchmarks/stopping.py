@@ -14,33 +14,30 @@ import daqp
 import numpy as np
 
 from benchmarks.measure import least_times
-from studies.stopping.run import Truth, brake_to_stop, stepping
+from studies.stopping.record import predicted_errors
+from studies.stopping.settings import own
 from studies.stopping.study import STUDY
 from workbench.controllers.rmpc import RMPC
 from workbench.predictive.condensed import Plan
 from workbench.predictive.decision import start
+from workbench.trials.campaign import run
 
 TIGHT = {"primal_tol": 1e-10, "dual_tol": 1e-12}
 SAMPLES = 200
+SETTINGS = own(STUDY)
 AGREEMENT = 1e-6
 
 
-def errors_met(law: RMPC) -> list[Any]:
+def errors_met(N: int) -> list[Any]:
     """Return the predicted errors of one stop."""
-    truth, met = Truth(STUDY.plant, STUDY.curve), []
-    step, plant = stepping(law, truth), law.tube.plant
-
-    def watched(memory, seen):
-        met.append(plant.predict(seen.x, seen.pending) - truth.reference(seen.k + plant.delay))
-        return step(memory, seen)
-
-    brake_to_stop(truth, watched, warm=True, most=STUDY.most_samples)
-    return met
+    one = run(STUDY, show_progress=False).data.sel(controller=f"rmpc-n{N}")
+    errors = predicted_errors(STUDY, one)
+    return list(errors[~np.isnan(errors).any(axis=1)])
 
 
 def one_program(N: int) -> Iterator[tuple[str, str, str]]:
-    law = RMPC(tube=STUDY.design, N=N)
-    problem, errors = law.problem, errors_met(law)
+    law = RMPC(tube=SETTINGS.design, N=N)
+    problem, errors = law.problem, errors_met(N)
     H, G = problem.program.H, problem.program.G
     f, g = [problem.gradient @ e for e in errors], [problem.g - problem.S @ e for e in errors]
     low, sense = np.full(len(problem.g), -1e30), np.zeros(len(problem.g), dtype=np.int32)
@@ -76,8 +73,8 @@ def one_program(N: int) -> Iterator[tuple[str, str, str]]:
 
 def closed_loop(decide: Callable[[Any], float], e: Any) -> Any:
     """Run a law on the error under the resistance of 0.1 m/s^2 and return its increments."""
-    plant = STUDY.design.plant
-    push, moves = plant.A_delay @ (STUDY.linear.E * 0.1), []
+    plant = SETTINGS.design.plant
+    push, moves = plant.A_delay @ (SETTINGS.linear.E * 0.1), []
     for _ in range(SAMPLES):
         moves.append(decide(e))
         e = plant.A @ e + plant.b * moves[-1] + push
@@ -85,18 +82,18 @@ def closed_loop(decide: Callable[[Any], float], e: Any) -> Any:
 
 
 def ours_decides(law: RMPC) -> Callable[[Any], float]:
-    memory = [start()]
+    following = [start()]
 
     def decide(e: Any) -> float:
-        decision, memory[0] = law.act(memory[0], e)
-        return decision.du
+        move, following[0] = law.move(following[0], e)
+        return move.du
 
     return decide
 
 
 def casadi_decides(law: RMPC) -> Callable[[Any], float]:
     """Return the same problem with its states as variables, solved by ``qpsol``: what one would write in CasADi."""
-    tube, N = law.tube, law.N
+    tube, N = law.sets, law.N
     e0, e, du = ca.SX.sym("e0", 4), ca.SX.sym("e", 4, N + 1), ca.SX.sym("du", N)
     cost: Any = ca.bilin(ca.DM(tube.P), e[:, N], e[:, N])
     rows, low, high = [e[:, 0] - e0], [np.zeros(4)], [np.zeros(4)]
@@ -130,7 +127,7 @@ def dompc_decides(law: RMPC, e: Any) -> Callable[[Any], float] | None:
         import do_mpc
     except ImportError:
         return None
-    tube = law.tube
+    tube = law.sets
     model = do_mpc.model.Model("discrete")
     x = model.set_variable("_x", "e", shape=(4, 1))
     u = model.set_variable("_u", "du")
@@ -169,7 +166,7 @@ def silent() -> Iterator[None]:
 
 
 def loops(N: int) -> Iterator[tuple[str, str, str]]:
-    law, e = RMPC(tube=STUDY.design, N=N), np.array([0.0, 0.0, 0.4, -0.5])
+    law, e = RMPC(tube=SETTINGS.design, N=N), np.array([0.0, 0.0, 0.4, -0.5])
     works: dict[str, Callable[[], object]] = {"ours": lambda: closed_loop(ours_decides(law), e)}
     with silent():
         casadi = casadi_decides(law)

@@ -5,18 +5,45 @@ from importlib import import_module
 from types import ModuleType
 
 _HOME = {
+    "Euler": "models.discretise",
+    "GaussLegendre": "models.discretise",
     "InvalidValue": "models.errors",
     "Plant": "models.plant",
     "PointMass": "models.point_mass",
-    "Signal": "models.plant",
+    "RK4": "models.discretise",
+    "Signal": "models.named_signals",
+    "by_role": "models.named_signals",
     "choice": "models.quantity",
     "count": "models.quantity",
     "declared": "models.quantity",
     "part": "models.quantity",
     "quantity": "models.quantity",
-    "signals": "models.plant",
+    "signal": "models.named_signals",
+    "switch": "models.quantity",
+    "table": "models.quantity",
+    "given": "models.quantity",
+    "signals": "models.named_signals",
 }
-__all__ = ["InvalidValue", "Plant", "PointMass", "Signal", "choice", "count", "declared", "part", "quantity", "signals"]
+__all__ = [
+    "RK4",
+    "Euler",
+    "GaussLegendre",
+    "InvalidValue",
+    "Plant",
+    "PointMass",
+    "Signal",
+    "by_role",
+    "choice",
+    "count",
+    "declared",
+    "given",
+    "part",
+    "quantity",
+    "signal",
+    "signals",
+    "switch",
+    "table",
+]
 
 
 def __getattr__(name: str) -> object:

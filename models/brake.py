@@ -6,14 +6,16 @@ and on where the train is.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import casadi as ca
 
-from models.discretise import rk4
+from models.actuator import Wrapper
+from models.discretise import RK4
+from models.expression import Column, Expression, Number
 from models.line import Line, stepped
-from models.plant import Plant, Signal, signals
-from models.quantity import InvalidValue, declared, given, quantity, table
+from models.plant import Plant, Signal, Values, signal, signals
+from models.quantity import InvalidValue, declared, given, part, quantity, table
 
 APPROACH = Line(grade_starts_m=(150.0, 300.0), grade_permille=(12.0, 28.0, -6.0))
 """The grades before the stop: g(s) of the paper."""
@@ -24,9 +26,9 @@ MOST_SUBSTEPS = 1000
 class Motion(NamedTuple):
     """What moves, or how fast it changes: brake acceleration (m/s^2), speed (m/s), position (m)."""
 
-    acceleration: Any
-    speed: Any
-    position: Any
+    acceleration: Expression
+    speed: Expression
+    position: Expression
 
 
 @declared
@@ -42,10 +44,10 @@ class Brake(Plant):
 
     source: ClassVar[str] = "Liu, Xun, Gao & Yin 2022, (1)-(8)"
     inputs = signals(command=("1", "brake command, 1 is full brake"))
-    outputs = signals(speed=("m/s", "speed"))
-    disturbances = signals(resistance=("m/s^2", "resistance per unit mass beyond that of the line"))
-
-    integrator: ClassVar[str] = "fourth-order Runge-Kutta, fine steps; the commands shift by one at each sample"
+    outputs = signals(speed=signal("m/s", "speed", role="speed"))
+    disturbances = signals(
+        resistance=signal("m/s^2", "resistance per unit mass beyond that of the line", role="force per mass")
+    )
 
     lag: float = quantity(default=0.4, unit="s", doc="time constant of the brake (tau)", above=0)
     dead_time: float = quantity(default=1.0, unit="s", doc="dead time of the brake (Td)", least=0, structural=True)
@@ -92,29 +94,38 @@ class Brake(Plant):
         return round(self.sampling_time / self.fine_step)
 
     @property
-    def states(self) -> Any:  # type: ignore[override]  # depends on the dead time
+    def integrator(self) -> RK4:  # type: ignore[override]  # depends on the fine step
+        """Classical Runge-Kutta with the fine steps."""
+        return RK4(substeps=self.substeps)
+
+    @property
+    def states(self) -> tuple[Signal, ...]:
         """Brake acceleration, speed, position and the commands on their way, the newest first."""
         moving = signals(
-            acceleration=("m/s^2", "acceleration by the brake"),
-            speed=("m/s", "speed"),
-            position=("m", "position of the train"),
+            acceleration=signal("m/s^2", "acceleration by the brake", role="acceleration"),
+            speed=signal("m/s", "speed", role="speed"),
+            position=signal("m", "position of the train", role="position"),
         )
         line = (Signal(f"command_{i}", "1", f"command {i} sample(s) ago", False) for i in range(1, self.delay + 1))
         return (*moving, *line)
 
-    def step(self, x: Any, u: Any, w: Any, k: Any) -> Any:
-        """Return motion and line of commands one sample later."""
+    def rhs(self, x: Values, u: Values, w: Values, t: Number) -> Column:
+        """Return how the motion changes; the commands stand still within a sample."""
         acceleration, speed, position, *commands = x
-        motion, line = Motion(acceleration, speed, position), [u.command, *commands]
-        for _ in range(self.substeps):
-            motion = self.fine(motion, line[self.delay], w.resistance)
-        return (*motion, *line[: self.delay])
+        acting = [u.command, *commands][self.delay]
+        extra = self.resistance(speed, position) + w.resistance
+        return (*self.rates(Motion(acceleration, speed, position), acting, extra), *(0.0 for _ in commands))
 
-    def output(self, x: Any) -> Any:
+    def at_sample(self, after: Values, x: Values, u: Values) -> Column:
+        """Return the motion as it is and the line of commands shifted by one."""
+        line = [u.command, *[*x][3:]]
+        return (*[*after][:3], *line[: self.delay])
+
+    def output(self, x: Values) -> Column:
         """Return the speed."""
         return (x.speed,)
 
-    def resistance(self, speed: Any, position: Any) -> Any:
+    def resistance(self, speed: Expression, position: Expression) -> Number:
         """Return a_r in m/s^2 at a speed in m/s and a position in m, (3)-(5)."""
         if self.blocks is not None:
             return stepped(self._block_ends(self.blocks), self.blocks, position)
@@ -122,7 +133,7 @@ class Brake(Plant):
         running = (self.constant + self.linear * v + self.quadratic * v * v) / 1000
         return running + self.gravity * self.line.grade(position) / 1000
 
-    def rates(self, motion: Motion, acting: Any, resistance: Any) -> Motion:
+    def rates(self, motion: Motion, acting: Number, resistance: Number) -> Motion:
         """Return how motion changes under the command that acts now and a resistance, (1), (6)-(8)."""
         return Motion(
             (self.full_brake * acting - motion.acceleration) / self.lag,
@@ -130,25 +141,80 @@ class Brake(Plant):
             motion.speed,
         )
 
-    def fine(self, motion: Motion, acting: Any, extra: Any) -> Motion:
+    def fine(self, motion: Motion, acting: Number, extra: Number) -> Motion:
         """Return the motion one fine step later, by the classical Runge-Kutta method.
 
         ``acting`` is the command that acts over the sample, ``extra`` the resistance beyond the plant's own.
         """
 
-        def rhs(column: Any, t: Any) -> Any:
+        def slope(column: Expression, t: Number) -> Expression:
             now = Motion(column[0], column[1], column[2])
             return ca.vertcat(*self.rates(now, acting, self.resistance(now.speed, now.position) + extra))
 
-        column = rk4(rhs, ca.vertcat(*motion), 0.0, self.fine_step)
+        column = RK4().advance(slope, ca.vertcat(*motion), 0.0, self.fine_step)
         return Motion(column[0], column[1], column[2])
-
-    def slope(self, x: Any, u: Any, w: Any, t: Any) -> Any:
-        """Return dx/dt within a sample, where the commands stand still."""
-        motion = Motion(x.acceleration, x.speed, x.position)
-        acting = [u.command, *x][-1] if self.delay else u.command
-        rates = self.rates(motion, acting, self.resistance(x.speed, x.position) + w.resistance)
-        return (*rates, *(0.0 for _ in range(self.delay)))
 
     def _block_ends(self, blocks: tuple[float, ...]) -> tuple[float, ...]:
         return tuple(self.block_length * i for i in range(1, len(blocks)))
+
+
+@declared
+class Halting(Wrapper):
+    """A braking train until it stands: a trial ends there.
+
+    Within the fine step in which the speed reaches zero the motion is interpolated, and there the train stays: its
+    speed is 0, its position where it stands, and nothing moves any more. The state ``running_time`` says how long it
+    ran, ``peak_jerk`` what the largest jerk of the brake was during the sample that led to the state.
+    """
+
+    source: ClassVar[str] = "Liu, Xun, Gao & Yin 2022, (1)-(8)"
+    outputs = signals(
+        speed=signal("m/s", "speed", role="speed"),
+        position=signal("m", "position of the train", role="position"),
+    )
+
+    plant: Brake = part(default=Brake(), doc="brake and train")
+
+    @property
+    def states(self) -> tuple[Signal, ...]:
+        """States of the braking train, then its running time and the largest jerk since the last sample."""
+        return (
+            *self.plant.states,
+            *signals(
+                running_time=("s", "time for which the train has run"),
+                peak_jerk=("m/s^3", "largest jerk of the brake since the last sample"),
+            ),
+        )
+
+    def step(self, x: Values, u: Values, w: Values, k: Expression) -> Column:
+        """Return the motion after the fine steps, the line of commands shifted by one, running time and jerk."""
+        brake = self.plant
+        acceleration, speed, position, *commands, running_time, _ = x
+        line, peak_jerk = [u.command, *commands], 0.0 * running_time
+        motion, acting = Motion(acceleration, speed, position), line[brake.delay]
+        for _ in range(brake.substeps):
+            jerk = ca.fabs(brake.rates(motion, acting, 0.0).acceleration)
+            peak_jerk = ca.if_else(motion.speed > 0, ca.fmax(peak_jerk, jerk), peak_jerk)
+            share, motion = self._fine(motion, acting, w.resistance)
+            running_time = running_time + share * brake.fine_step
+        return (*motion, *line[: brake.delay], running_time, peak_jerk)
+
+    def output(self, x: Values) -> Column:
+        """Return speed and position."""
+        return (x.speed, x.position)
+
+    def ended(self, x: Values) -> Expression | None:
+        """Return whether the train stands."""
+        return x.speed <= 0
+
+    def _fine(self, motion: Motion, acting: Number, extra: Number) -> tuple[Expression, Motion]:
+        """Return the share of a fine step for which the train runs, and the motion after it."""
+        after = self.plant.fine(motion, acting, extra)
+        halts = after.speed <= 0
+        drop = ca.if_else(halts, motion.speed - after.speed, 1.0)
+        share = ca.if_else(motion.speed <= 0, 0.0, ca.if_else(halts, motion.speed / drop, 1.0))
+        stands = ca.logic_or(motion.speed <= 0, halts)
+        here = Motion(
+            *(ca.if_else(stands, old + share * (new - old), new) for old, new in zip(motion, after, strict=True))
+        )
+        return share, here._replace(speed=ca.if_else(stands, 0.0, here.speed))

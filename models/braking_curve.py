@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
+from models.array import Array
 from models.plant import Plant
 from models.quantity import declared, quantity
+
+At = TypeVar("At", float, Array)
 
 
 @declared
@@ -30,12 +33,12 @@ class BrakingCurve:
         """Where the curve stops, in metres."""
         return self.speed**2 / (2 * self.deceleration)
 
-    def at(self, t: Any) -> tuple[Any, Any]:
+    def at(self, t: At) -> tuple[At, At]:
         """Return speed in m/s and position in m at t seconds; same shape as t."""
         return self.speed - self.deceleration * t, self.speed * t - self.deceleration * t * t / 2
 
-    def samples(self, plant: Plant) -> Any:
+    def samples(self, plant: Plant) -> Array:
         """Return the speed down to the stop, shape (1, N + 1), for a plant whose output is a speed in m/s."""
         period = float(plant.sampling_time)
-        t = np.arange(int(self.stop_time / period + 1e-9) + 1) * period
+        t = np.arange(int(self.stop_time / period + 1e-9) + 1, dtype=float) * period
         return np.asarray(self.at(t)[0])[None, :]

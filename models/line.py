@@ -3,30 +3,32 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 import casadi as ca
 
+from models.expression import Expression, Number
 from models.quantity import InvalidValue, declared, quantity, table
 
 
-def averaged_steps(positions: tuple[float, ...], values: tuple[float, ...], front: Any, length: Any) -> Any:
+def averaged_steps(
+    positions: tuple[float, ...], values: tuple[float, ...], front: Expression, length: Number
+) -> Number:
     """Return a piecewise constant profile, averaged over ``[front - length, front]``.
 
     ``values`` has one entry more than ``positions``: the first holds before positions[0]. The mean is exact: the
     difference of the profile's piecewise linear antiderivative at the two ends, over the length.
     """
 
-    def antiderivative(s: Any) -> Any:
+    def antiderivative(s: Expression) -> Number:
         changes = (after - before for before, after in pairwise(values))
         return sum(change * ca.fmax(0, s - at) for at, change in zip(positions, changes, strict=True))
 
     return values[0] + (antiderivative(front) - antiderivative(front - length)) / length
 
 
-def stepped(positions: tuple[float, ...], values: tuple[float, ...], front: Any) -> Any:
+def stepped(positions: tuple[float, ...], values: tuple[float, ...], front: Expression) -> Number:
     """Return a piecewise constant profile at a point: values[0] before positions[0], and so on."""
-    level: Any = values[0]
+    level: Number = values[0]
     for at, before, after in zip(positions, values, values[1:], strict=False):
         level = level + ca.if_else(front >= at, after - before, 0)
     return level
@@ -86,31 +88,31 @@ class Line:
         if any(radius <= 0 for radius in self.curve_radii_m):
             raise InvalidValue(f"curve_radii_m must be above 0 m, got {min(self.curve_radii_m):g}")
 
-    def holds(self, length: Any) -> None:
+    def holds(self, length: Number) -> None:
         """Raise InvalidValue where a vehicle of this length (m) is longer than the line."""
         if self.length is not None and isinstance(length, float) and length > self.length:
             raise InvalidValue(f"length must be at most that of the line, {self.length:g} m, got {length:g}")
 
-    def mean_grade(self, front: Any, length: Any) -> Any:
+    def mean_grade(self, front: Expression, length: Number) -> Number:
         """Return the grade in per mille averaged over a vehicle of ``length`` metres whose front is at ``front``."""
         return averaged_steps(self.grade_starts_m, self.grade_permille, front, length)
 
-    def mean_curvature(self, front: Any, length: Any) -> Any:
+    def mean_curvature(self, front: Expression, length: Number) -> Number:
         """Return 1/R in 1/m averaged over a vehicle of ``length`` metres with its front at ``front``; 0 if straight."""
         return averaged_steps(*self._curvature(), front, length)
 
-    def curvature(self, position: Any) -> Any:
+    def curvature(self, position: Expression) -> Number:
         """Return 1/R in 1/m at a point; 0 where the line is straight."""
         return stepped(*self._curvature(), position)
 
-    def tunnel(self, position: Any) -> Any:
+    def tunnel(self, position: Expression) -> Number:
         """Return 1 in a tunnel and 0 elsewhere."""
         return stepped(*pieces(self.tunnel_starts_m, self.tunnel_ends_m, (1.0,) * len(self.tunnel_starts_m)), position)
 
     def _curvature(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         return pieces(self.curve_starts_m, self.curve_ends_m, tuple(1 / radius for radius in self.curve_radii_m))
 
-    def grade(self, position: Any) -> Any:
+    def grade(self, position: Expression) -> Number:
         """Return the grade in per mille at a point."""
         return stepped(self.grade_starts_m, self.grade_permille, position)
 

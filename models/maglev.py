@@ -5,14 +5,16 @@ The line, the air resistance and several coefficients are ours: tables and formu
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
-from models.discretise import rk4
-from models.line import Line
-from models.plant import Plant, signals
-from models.quantity import count, declared, part, quantity
+from models.discretise import RK4
+from models.expression import Column, Expression, Number
+from models.line import FLAT, Line
+from models.plant import Values, signal, signals
+from models.quantity import choice, count, declared, quantity
+from models.vehicle import Vehicle
 
 TEST_LINE = Line(
     grade_starts_m=(800, 1100, 1250, 1400),
@@ -22,10 +24,11 @@ TEST_LINE = Line(
     curve_radii_m=(100,),
     length=1580,
 )
+LINES = {"paper": TEST_LINE, "flat": FLAT}
 
 
 @declared
-class Maglev(Plant):
+class Maglev(Vehicle):
     """M dv/dt = F - D(v) - d(x, v), dx/dt = v: air and eddy resistance, and that of grades and curves.
 
     F (and a disturbing force) is held over a sample; the equations are integrated by fourth-order Runge-Kutta.
@@ -34,14 +37,16 @@ class Maglev(Plant):
     """
 
     source: ClassVar[str] = "Zhang, Nan, Cao et al., PALC of a maglev train, (1)-(7)"
-    states = signals(position=("m", "position of the train's middle"), speed=("m/s", "speed"))
-    inputs = signals(force=("N", "traction or braking force, positive away from the first station"))
-    outputs = signals(position=("m", "position of the train's middle"), speed=("m/s", "speed"))
-    disturbances = signals(gust=("N", "disturbing force"))
+    states = outputs = signals(
+        position=signal("m", "position of the train's middle", role="position"),
+        speed=signal("m/s", "speed", role="speed"),
+    )
+    inputs = signals(force=signal("N", "traction or braking force, positive away from the first station", role="force"))
+    disturbances = signals(gust=signal("N", "disturbing force", role="force"))
 
-    integrator: ClassVar[str] = "fourth-order Runge-Kutta, one step a sample"
+    integrator = RK4()
 
-    line: Line = part(default=TEST_LINE, doc="the line's grades and curves")
+    line: Line = choice(default="paper", options=LINES, doc="the line's grades and curves, by name or in tables")
     sampling_time: float = quantity(default=0.01, unit="s", doc="sampling time", above=0, structural=True)
     cars: int = count(default=3, doc="number of cars N", least=1)
     mass: float = quantity(default=90_000.0, unit="kg", doc="mass of the train M", above=0)
@@ -58,35 +63,32 @@ class Maglev(Plant):
         """Raise InvalidValue where the train is longer than the line."""
         self.line.holds(self.length)
 
-    def step(self, x: Any, u: Any, w: Any, k: Any) -> Any:
-        """Return position and speed one sample later."""
-        return rk4(lambda at, t: self.rhs(at, u.force + w.gust), x.vector, 0, self.sampling_time)
+    def rhs(self, x: Values, u: Values, w: Values, t: Number) -> Column:
+        """Return speed and acceleration, (6)-(7)."""
+        force = u.force + w.gust
+        pull = force - self.running_resistance(x.speed) - self.line_resistance(x.position, x.speed)
+        return x.speed, pull / self.mass
 
-    def slope(self, x: Any, u: Any, w: Any, t: Any) -> Any:
-        """Return dx/dt, which the step integrates."""
-        return self.rhs(x.vector, u.force + w.gust)
-
-    def rhs(self, x: Any, force: Any) -> Any:
-        """Return dx/dt, a column (2), of the column x = (x, v) under a force in N, (6)-(7)."""
-        pull = force - self.running_resistance(x[1]) - self.line_resistance(x[0], x[1])
-        return ca.vertcat(x[1], pull / self.mass)
-
-    def output(self, x: Any) -> Any:
+    def output(self, x: Values) -> Column:
         """Return position and speed."""
         return x.position, x.speed
 
-    def running_resistance(self, v: Any) -> Any:
+    def running_resistance(self, v: Expression) -> Expression:
         """Return D in N, air (2) and eddy currents (3), at the speed v in m/s."""
         size = self._size(v)
         air = (self.air_first + self.air_car * self.cars) * v * size  # (2), ours
         return air + self.cars * (self.eddy_root * size**0.5 + self.eddy_power * size**0.7) * v / size  # (3)
 
-    def line_resistance(self, x: Any, v: Any) -> Any:
+    def resistance_at(self, speed: Expression) -> Expression:
+        """Return D in N at a speed in m/s, at any sample."""
+        return self.running_resistance(speed)
+
+    def line_resistance(self, x: Expression, v: Expression) -> Expression:
         """Return d in N, grades (4) and curves (5), with the train's middle at x metres and the speed v in m/s."""
         front = x + self.length / 2
         grade = self.line.mean_grade(front, self.length) / 1000
         curve = self.curve_constant * self.line.mean_curvature(front, self.length) * v / self._size(v)
         return self.mass * self.gravity * (grade + curve)  # (4), (5)
 
-    def _size(self, v: Any) -> Any:
+    def _size(self, v: Expression) -> Expression:
         return ca.sqrt(v**2 + self.smooth_speed**2)

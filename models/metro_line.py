@@ -5,13 +5,14 @@ Its coefficients, line and reference are ours: the patent publishes none.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 
-from models.discretise import rk4
+from models.discretise import RK4
+from models.expression import Column, Expression, Number
 from models.line import Line
-from models.plant import Plant, signals
+from models.plant import Plant, Values, signal, signals
 from models.quantity import declared, part, quantity
 
 PATENT_LINE = Line(
@@ -35,11 +36,13 @@ class MetroLine(Plant):
     """
 
     source: ClassVar[str] = "Nanjing Institute of Technology, patent application 2017, (1)-(2)"
-    states = signals(position=("m", "position of the train's front"), speed=("m/s", "speed"))
-    inputs = signals(force=("N/kg", "traction (+) or braking (-) force per unit mass"))
-    outputs = signals(position=("m", "position of the train's front"), speed=("m/s", "speed"))
+    states = outputs = signals(
+        position=signal("m", "position of the train's front", role="position"),
+        speed=signal("m/s", "speed", role="speed"),
+    )
+    inputs = signals(force=signal("N/kg", "traction (+) or braking (-) force per unit mass", role="force per mass"))
 
-    integrator: ClassVar[str] = "fourth-order Runge-Kutta, two steps a sample"
+    integrator = RK4(substeps=2)
 
     line: Line = part(default=PATENT_LINE, doc="the line's grades, curves and tunnels")
     sampling_time: float = quantity(default=0.1, unit="s", doc="sampling time", above=0)
@@ -59,23 +62,15 @@ class MetroLine(Plant):
         """Raise InvalidValue where the train is longer than the line."""
         self.line.holds(self.length)
 
-    def step(self, x: Any, u: Any, w: Any, k: Any) -> Any:
-        """Return position and speed one sample later."""
-        return rk4(lambda at, t: self.rhs(at, u.force), x.vector, 0, self.sampling_time, 2)
+    def rhs(self, x: Values, u: Values, w: Values, t: Number) -> Column:
+        """Return speed and acceleration, (2)."""
+        return x.speed, self.input_gain * u.force - self.resistance(x.position, x.speed)
 
-    def slope(self, x: Any, u: Any, w: Any, t: Any) -> Any:
-        """Return dx/dt, which the step integrates."""
-        return self.rhs(x.vector, u.force)
-
-    def rhs(self, x: Any, force: Any) -> Any:
-        """Return dx/dt, a column (2), of the column x = (s, v) under a force in N/kg, (2)."""
-        return ca.vertcat(x[1], self.input_gain * force - self.resistance(x[0], x[1]))
-
-    def output(self, x: Any) -> Any:
+    def output(self, x: Values) -> Column:
         """Return position and speed."""
         return x.position, x.speed
 
-    def resistance(self, s: Any, v: Any) -> Any:
+    def resistance(self, s: Expression, v: Expression) -> Expression:
         """Return f0 + fi + fr + fs in N/kg with the train's front at s metres and the speed v in m/s."""
         kmh = 3.6 * ca.fabs(v)
         sign = v / ca.sqrt(v**2 + self.smooth_speed**2)

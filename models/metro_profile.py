@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import ArrayLike
 
+from models.array import Array
 from models.plant import Plant
 from models.quantity import InvalidValue, count, declared
 from models.reference import Reference
@@ -13,7 +13,7 @@ from models.reference import Reference
 MOST_SAMPLES = 1_000_000
 
 
-def metro_speed(k: Any) -> Any:
+def metro_speed(k: ArrayLike) -> Array:
     """Return the reference speed at k in 0..2000, Jiao & Hou (2025), (16); same shape as k."""
     k = np.asarray(k, dtype=float)
     return np.select(
@@ -25,13 +25,13 @@ def metro_speed(k: Any) -> Any:
 
 @declared
 class MetroProfile(Reference):
-    """The inter-station run (16): k is the sample index, or seconds where the plant's reading says so."""
+    """The inter-station run (16): k is the sample index, or seconds where the plant's clock counts them."""
 
     horizon: int = count(default=2000, doc="k at the end of the run", least=2, most=2000)
 
-    def samples(self, plant: Plant) -> Any:
+    def samples(self, plant: Plant) -> Array:
         """Return the speed, shape (1, N + 1)."""
-        if getattr(plant, "reading", "metro") != "seconds":
+        if plant.clock == "samples":
             return metro_speed(np.arange(self.horizon + 1))[None, :]
         last = round(self.horizon / float(plant.sampling_time))
         if last > MOST_SAMPLES:

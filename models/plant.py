@@ -6,138 +6,119 @@ Everything else (derivatives, the python-control system, compiled trials, the ch
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
-from typing import Any, ClassVar, NamedTuple, final
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, ClassVar, Literal, final
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
+from models.discretise import RK4, Integrator
+from models.expression import Column, Expression, Number
 from models.function_name import function_name
 from models.limits import Limits
-from models.quantity import InvalidValue, symbolised
+from models.named_signals import Signal as Signal
+from models.named_signals import Values as Values
+from models.named_signals import signal as signal
+from models.named_signals import signals as signals
+from models.named_signals import stacked as stacked
+from models.quantity import Declaration, InvalidValue, symbolised
+from models.relative_degree import FirstEffect as FirstEffect
+from models.relative_degree import first_effect
+
+if TYPE_CHECKING:
+    from models.control_systems import NonlinearIOSystem, StateSpace, TransferFunction
 
 
-class Signal(NamedTuple):
-    """A named signal with its unit, what it is, and whether a run records it (as a state)."""
+class Plant(Declaration, ABC):
+    """A plant ``x(k+1) = step(x(k), u(k), w(k), k)``, ``y(k) = output(x(k))``, sampled every ``sampling_time`` seconds.
 
-    name: str
-    unit: str
-    doc: str = ""
-    recorded: bool = True
+    A subclass is a :func:`models.quantity.declared` dataclass whose fields are quantities with units. It names its
+    signals and gives ``output`` and one of two: ``step``, or ``rhs`` in continuous time, which the ``integrator``
+    makes a step of (a class attribute, or a field). All of these must work on SX, MX and DM alike, and return the
+    values in the order of the signals. What else may be given has a neutral default: ``ended``, ``at_sample`` and,
+    for an actuator's wrapper (:mod:`models.actuator`), ``applied`` and ``input_limits``.
 
-
-def signals(**units: str | tuple[str, str]) -> tuple[Signal, ...]:
-    """Name signals with their units: ``signals(speed="m/s", position=("m", "front of the vehicle"))``."""
-    return tuple(Signal(name, unit) if isinstance(unit, str) else Signal(name, *unit) for name, unit in units.items())
-
-
-class Values:
-    """The values of some signals at one sample: by name, by position, or unpacked.
-
-    ``x.speed``, ``x[0]`` and ``speed, position = x`` read the same CasADi vector, which is ``x.vector``.
+    A class that gives neither or both of ``step`` and ``rhs`` is refused with a TypeError when it is made.
     """
 
-    __slots__ = ("_names", "vector")
-
-    def __init__(self, named: Sequence[Signal], vector: Any) -> None:
-        self._names = tuple(signal.name for signal in named)
-        self.vector = vector
-        taken = [name for name in self._names if name in self.__slots__]
-        if taken:
-            raise InvalidValue(f"a signal may have any name but vector and _names, got {taken[0]!r}: choose another")
-
-    def __getattr__(self, name: str) -> Any:
-        if name == "_names":  # not there yet, as in a copy that is being made
-            raise AttributeError(name)
-        if name in self._names:
-            return self.vector[self._names.index(name)]
-        for index, own in enumerate(self._names):
-            if own.startswith("__") and name.endswith(own) and name[0] == "_":  # what a class makes of x.__name
-                return self.vector[index]
-        if name.startswith("__"):
-            raise AttributeError(name)
-        known = ", ".join(self._names) or "none"
-        raise InvalidValue(f"there is no signal {name!r} here; the signals are: {known}")
-
-    def __getitem__(self, index: int) -> Any:
-        return self.vector[range(len(self._names))[index]]
-
-    def __iter__(self) -> Iterator[Any]:
-        return (self.vector[index] for index in range(len(self._names)))
-
-    def __len__(self) -> int:
-        return len(self._names)
-
-
-def stacked(values: Any, named: Sequence[Signal], what: str) -> Any:
-    """Return what an equation gave as one column, or raise when it has the wrong size."""
-    if isinstance(values, Values):
-        values = values.vector
-    column: Any
-    try:
-        if isinstance(values, (tuple, list)):
-            column = ca.vertcat(*values)
-        else:
-            column = values if isinstance(values, (ca.SX, ca.MX, ca.DM)) else ca.DM(values)
-    except (NotImplementedError, TypeError, ValueError):
-        names = ", ".join(signal.name for signal in named)
-        raise InvalidValue(f"{what} must give {len(named)} value(s) ({names}), got {values!r}") from None
-    if tuple(column.shape) != (len(named), 1):
-        names = ", ".join(signal.name for signal in named)
-        raise InvalidValue(f"{what} must give {len(named)} value(s) ({names}), got shape {tuple(column.shape)}")
-    return column
-
-
-class FirstEffect(NamedTuple):
-    """Where an input first reaches an output of a plant."""
-
-    degree: int
-    """y(k + degree) is the first output whose expression contains u(k)."""
-    slope: ca.Function
-    """(x, u, w) -> (dy_du), dy(k + degree)/du(k); it takes k too where none was chosen.
-
-    The columns of u (nu, degree) and w (nw, degree) are the samples k, ..., k + degree - 1.
-    """
-    shown: bool
-    """Whether two values of u(k) were found between which y(k + degree) differs by more than rounding.
-
-    Where it is False, u(k) may cancel in the expression, or act only far from the points that were tried.
-    """
-
-    @property
-    def slope_at_rest(self) -> float:
-        """The slope where states, inputs and disturbances (and k, where none was chosen) are zero."""
-        return float(self.slope()["dy_du"])
-
-
-class Plant(ABC):
-    """A discrete-time plant ``x(k+1) = step(x(k), u(k), w(k), k)``, ``y(k) = output(x(k))``.
-
-    A subclass is a :func:`models.quantity.declared` dataclass whose fields are quantities with units. It names
-    its signals and gives ``step`` and ``output``; both must work on SX, MX and DM alike, and return the values
-    in the order of the signals. Nothing else is meant to be overridden, but for ``applied`` and ``input_limits`` by
-    an actuator's wrapper (:mod:`models.actuator`).
-    """
-
-    sampling_time: float
-    states: tuple[Signal, ...]
-    inputs: tuple[Signal, ...]
-    outputs: tuple[Signal, ...]
     disturbances: tuple[Signal, ...] = ()
+    if TYPE_CHECKING:  # read-only to whoever asks: a plant has them as fields or class attributes, or computes them
+
+        @property
+        def sampling_time(self) -> float:
+            """The sampling time in s."""
+
+        @property
+        def states(self) -> tuple[Signal, ...]:
+            """The states, in the order in which ``step`` returns them."""
+
+        @property
+        def inputs(self) -> tuple[Signal, ...]:
+            """The inputs."""
+
+        @property
+        def outputs(self) -> tuple[Signal, ...]:
+            """The outputs, in the order in which ``output`` returns them."""
+
     source: ClassVar[str] = ""
+    integrator: Integrator = RK4()
+    """What makes a step of ``rhs``; it means nothing for a plant that gives ``step``."""
+
+    def __init_subclass__(cls, *, abstract: bool = False) -> None:
+        """Raise TypeError for a class with neither or both of step and rhs, unless it is abstract: for others to be."""
+        super().__init_subclass__()
+        steps, flows = cls.step is not Plant.step, cls.rhs is not Plant.rhs
+        if steps == flows and not abstract:
+            raise TypeError(
+                f"{cls.__name__} must give step(x, u, w, k) or rhs(x, u, w, t), got {'both' if steps else 'neither'}"
+            )
+
+    def step(self, x: Values, u: Values, w: Values, k: Expression) -> Column:
+        """Return the next state (in the order of ``states``) from state, input, disturbance and sample index.
+
+        Unless a plant gives it, ``rhs`` is integrated over the sample, inputs and disturbances held.
+        """
+
+        def slope(at: Expression, t: Number) -> Expression:
+            return stacked(self.rhs(Values(self.states, at), u, w, t), self.states, f"{type(self).__name__}.rhs")
+
+        after = self.integrator.advance(slope, x.vector, k * self.sampling_time, self.sampling_time)
+        return self.at_sample(Values(self.states, after), x, u)
+
+    def rhs(self, x: Values, u: Values, w: Values, t: Number) -> Column:
+        """Return dx/dt (in the order of ``states``) from state, input, disturbance and time in seconds."""
+        raise InvalidValue(
+            f"{type(self).__name__} gives its step in discrete time, so it has no rhs: ask for next_state"
+        )
+
+    def at_sample(self, after: Values, x: Values, u: Values) -> Column:
+        """Return the state at the next sample, given what ``rhs`` alone would lead to and state and input before.
+
+        For states that stand still within a sample and change at its end, as those of a line of past commands do.
+        """
+        return after.vector
 
     @abstractmethod
-    def step(self, x: Any, u: Any, w: Any, k: Any) -> Any:
-        """Return the next state (in the order of ``states``) from state, input, disturbance and sample index."""
-
-    @abstractmethod
-    def output(self, x: Any) -> Any:
+    def output(self, x: Values) -> Column:
         """Return the outputs (in the order of ``outputs``) at a state."""
 
-    def applied(self, x: Any, u: Any, k: Any) -> Any:
+    def ended(self, x: Values) -> Expression | None:
+        """Return what is not 0 in a state in which a trial is over; None for a plant whose trials only run out.
+
+        ``return x.speed <= 0`` ends a trial where the vehicle stands.
+        """
+        return None
+
+    def applied(self, x: Values, u: Values, k: Expression) -> Column:
         """Return the inputs that act over a sample, given those commanded; an actuator's wrapper gives others."""
-        return u
+        return u.vector
+
+    @property
+    def clock(self) -> Literal["samples", "seconds"]:
+        """What the time counts on which the plant's own coefficients depend; references in that time ask for it."""
+        return "samples"
 
     @property
     def input_limits(self) -> Limits:
@@ -151,24 +132,57 @@ class Plant(ABC):
         return type(self).__name__.lower()
 
     @final
-    def _function(self, what: str, given: dict[str, Any], gives: dict[str, Any]) -> ca.Function:
+    def _function(self, what: str, given: dict[str, Expression], gives: dict[str, Expression]) -> ca.Function:
         """Return a CasADi Function named after the plant and what it is, its ports by name."""
         name = f"{function_name(self.name)}_{what}"
         return ca.Function(name, [*given.values()], [*gives.values()], [*given], [*gives])
 
     @final
-    def next_state(self, x: Any, u: Any, w: Any, k: Any) -> Any:
+    def next_state(self, x: Expression, u: Expression, w: Expression, k: Expression) -> Expression:
         """Evaluate ``step`` on CasADi columns x (nx), u (nu), w (nw) and a scalar k; return a column (nx)."""
         values = self.step(Values(self.states, x), Values(self.inputs, u), Values(self.disturbances, w), k)
         return stacked(values, self.states, f"{type(self).__name__}.step")
 
     @final
-    def measured(self, x: Any) -> Any:
+    def slope(self, x: Expression, u: Expression, w: Expression, t: Number) -> Expression:
+        """Evaluate ``rhs`` on CasADi columns x (nx), u (nu), w (nw) and a time t in seconds; return a column (nx).
+
+        Raises InvalidValue for a plant that gives its step.
+        """
+        values = self.rhs(Values(self.states, x), Values(self.inputs, u), Values(self.disturbances, w), t)
+        return stacked(values, self.states, f"{type(self).__name__}.rhs")
+
+    @final
+    def sampled(self, after: Expression, x: Expression, u: Expression) -> Expression:
+        """Evaluate ``at_sample`` on CasADi columns after (nx), x (nx) and u (nu); return a column (nx)."""
+        values = self.at_sample(Values(self.states, after), Values(self.states, x), Values(self.inputs, u))
+        return stacked(values, self.states, f"{type(self).__name__}.at_sample")
+
+    @final
+    def measured(self, x: Expression) -> Expression:
         """Evaluate ``output`` on a CasADi column x (nx); return a column (ny)."""
         return stacked(self.output(Values(self.states, x)), self.outputs, f"{type(self).__name__}.output")
 
     @final
-    def applied_input(self, x: Any, u: Any, k: Any) -> Any:
+    @property
+    def continuous(self) -> bool:
+        """Whether the plant is given in continuous time: by its ``rhs`` and an integrator."""
+        return type(self).rhs is not Plant.rhs
+
+    @final
+    @property
+    def ends(self) -> bool:
+        """Whether trials end by an event of the plant's own (:meth:`ended`)."""
+        return self.ended(Values(self.states, _column("x", self.states))) is not None
+
+    @final
+    def ended_at(self, x: Expression) -> Expression:
+        """Evaluate ``ended`` on a CasADi column x (nx); return a scalar, 0 where trials have no such event."""
+        value = self.ended(Values(self.states, x))
+        return stacked([0 if value is None else value], (Signal("ended", "1"),), f"{type(self).__name__}.ended")
+
+    @final
+    def applied_input(self, x: Expression, u: Expression, k: Expression) -> Expression:
         """Evaluate ``applied`` on CasADi columns x (nx), u (nu) and a scalar k; return a column (nu)."""
         values = self.applied(Values(self.states, x), Values(self.inputs, u), k)
         return stacked(values, self.inputs, f"{type(self).__name__}.applied")
@@ -244,6 +258,22 @@ class Plant(ABC):
         return found.degree if found else None
 
     @final
+    def relative_degrees(
+        self, samples: int, limit: int = 200, *, output: str | None = None, input: str | None = None
+    ) -> NDArray[np.int64]:
+        """Return the smallest d for which y(k+d) depends on u(k), for each k = 0..samples-1; 0 where none does.
+
+        It is what :meth:`relative_degree` says of each k, but found at once for all samples at which the equations
+        look alike: the parts that depend on k alone (a gain, ``k >= 20``) are evaluated at all samples first. A part
+        that takes many values is told apart by whether it is zero only; that it equals another part or a constant at
+        some samples, so that u(k) cancels there, is not seen. ``output`` and ``input`` name signals (the first ones by
+        default). Raises InvalidValue for an unknown signal and unless samples is a whole number above 0.
+        """
+        from models.relative_degrees import relative_degrees
+
+        return relative_degrees(self, samples, limit, output, input)
+
+    @final
     def first_effect(
         self, limit: int = 200, *, k: int | None = None, output: str | None = None, input: str | None = None
     ) -> FirstEffect | None:
@@ -259,28 +289,10 @@ class Plant(ABC):
         such as ``u - u``): see :attr:`FirstEffect.shown`. Raises InvalidValue for an unknown signal and for a k
         that is not whole.
         """
-        row = _position(self.outputs, output, "output")
-        column = _position(self.inputs, input, "input")
-        if k is not None and (isinstance(k, bool) or not isinstance(k, int)):
-            raise InvalidValue(f"k must be a whole number, or left out for every sample, got {k!r}")
-        at = self.symbols()
-        x, first, inputs, disturbances = at["x"], at["u"], [at["u"]], [at["w"]]
-        sample = at["k"] if k is None else ca.SX(k)
-        for degree in range(1, limit + 1):
-            x = self.next_state(x, inputs[-1], disturbances[-1], sample + degree - 1)
-            y = self.measured(x)[row]
-            if ca.depends_on(y, first[column]):
-                given = {"x": at["x"], "u": ca.horzcat(*inputs), "w": ca.horzcat(*disturbances)}
-                given |= {"k": at["k"]} if k is None else {}
-                slope = self._function("slope", given, {"dy_du": ca.jacobian(y, first[column])})
-                reached = ca.Function("reached", [*given.values()], [y], list(given), ["y"])
-                return FirstEffect(degree, slope, _differs(reached, column))
-            inputs.append(ca.SX.sym("later_u", len(self.inputs)))
-            disturbances.append(ca.SX.sym("later_w", len(self.disturbances)))
-        return None
+        return first_effect(self, limit, k=k, output=output, input=input)
 
     @final
-    def to_control(self) -> Any:
+    def to_control(self) -> NonlinearIOSystem:
         """Return the plant as python-control's discrete-time ``NonlinearIOSystem`` with its signal names.
 
         Disturbances are appended to the inputs; the sample index is time / sampling_time.
@@ -290,7 +302,34 @@ class Plant(ABC):
         return nonlinear_system(self)
 
     @final
-    def linearised(self, x: Sequence[float], u: Sequence[float], w: Sequence[float] = (), k: int = 0) -> Any:
+    @staticmethod
+    def from_control(
+        system: StateSpace | TransferFunction | NonlinearIOSystem,
+        *,
+        sampling_time: float | None = None,
+        states: Sequence[str | Signal] | None = None,
+        inputs: Sequence[str | Signal] | None = None,
+        outputs: Sequence[str | Signal] | None = None,
+        units: Mapping[str, str] | None = None,
+        integrator: Integrator | None = None,
+    ) -> Plant:
+        """Return a plant of a python-control system, with any number of inputs and outputs.
+
+        A ``StateSpace`` or ``TransferFunction`` in continuous time is sampled with a zero-order hold, exactly; one in
+        discrete time is taken as it is. Of a ``NonlinearIOSystem`` the update and output functions are called with
+        CasADi symbols; in continuous time the ``integrator`` (RK4 by default) makes a step of it.
+
+        ``sampling_time`` in seconds is needed where the system has none. Signals are named by the system's labels
+        unless names, or signals, are given; ``units`` are told by name, "1" where they are not. Raises InvalidValue
+        for an output that the input reaches at once, and for functions that do not work on symbols.
+        """
+        from models.control_systems import plant_of
+
+        names = {"states": states, "inputs": inputs, "outputs": outputs}
+        return plant_of(system, sampling_time, names, units or {}, integrator)
+
+    @final
+    def linearised(self, x: Sequence[float], u: Sequence[float], w: Sequence[float] = (), k: int = 0) -> StateSpace:
         """Return python-control's discrete-time ``StateSpace`` of the exact linearisation at a point.
 
         x, u, w are the operating point (nx, nu, nw values; w defaults to zeros), k the sample index.
@@ -302,33 +341,3 @@ class Plant(ABC):
 
 def _column(name: str, named: Sequence[Signal]) -> ca.SX:
     return ca.vertcat(*(ca.SX.sym(f"{signal.name}") for signal in named)) if named else ca.SX.sym(name, 0, 1)
-
-
-def _position(named: Sequence[Signal], name: str | None, what: str) -> int:
-    """Return where a signal stands among its like, the first where no name was given."""
-    names = [signal.name for signal in named]
-    if not names or (name is not None and name not in names):
-        raise InvalidValue(f"{what} must be one of: {', '.join(names) or 'none, the plant has none'}; got {name!r}")
-    return 0 if name is None else names.index(name)
-
-
-def _differs(reached: ca.Function, column: int) -> bool:
-    """Tell whether y = reached(x, u, w[, k]) was seen to change with u[column, 0].
-
-    States, inputs and disturbances are small whole numbers, whose sums and products are exact: what cancels does.
-    """
-    for whole in (0, 1):
-        point = {
-            name: whole * ca.reshape(ca.DM(range(1, rows * columns + 1)), rows, columns)
-            for name, (rows, columns) in zip(
-                reached.name_in(), map(reached.size_in, range(reached.n_in())), strict=True
-            )
-        }
-        point["u"][column, 0] = 0
-        without = float(reached(**point)["y"])
-        for size in (1, -1, 1000, -1000):
-            point["u"][column, 0] = size
-            change = abs(float(reached(**point)["y"]) - without)
-            if 1e-12 * max(size**2, without**2) < change < math.inf:
-                return True
-    return False

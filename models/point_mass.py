@@ -6,13 +6,15 @@ slopes come from a line, averaged over the train's length.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar, Literal
 
 import casadi as ca
 
+from models.expression import Column, Expression, Number
 from models.line import LINES, Line
-from models.plant import Plant, signals
+from models.plant import Signal, Values, signal, signals
 from models.quantity import choice, declared, quantity
+from models.vehicle import Vehicle
 
 READINGS = {
     "metro": "speed in km/h, forces in N, resistance coefficients not divided by the mass, k the sample index",
@@ -22,7 +24,7 @@ READINGS = {
 
 
 @declared
-class PointMass(Plant):
+class PointMass(Vehicle):
     """One mass moved by a force against rolling, air and slope resistance.
 
     Readings of the paper (it does not pin its units down):
@@ -33,7 +35,7 @@ class PointMass(Plant):
     """
 
     source: ClassVar[str] = "Jiao & Hou 2025, (1)-(3), (17)"
-    inputs = signals(force=("N", "traction (+) or braking (-) force"))
+    inputs = signals(force=signal("N", "traction (+) or braking (-) force", role="force"))
 
     reading: str = choice(default="metro", options=tuple(READINGS), doc="how the paper's units are read")
     line: Line = choice(default="hilly", options=LINES, doc="the line's grades")
@@ -64,39 +66,49 @@ class PointMass(Plant):
         return "m/s" if self.reading == "printed" else "km/h"
 
     @property
-    def states(self) -> Any:  # type: ignore[override]  # depends on the reading
-        """Speed and position of the train's front."""
-        return signals(speed=(self.speed_unit, "speed"), position=("m", "position of the train's front"))
+    def clock(self) -> Literal["samples", "seconds"]:
+        """What k counts in the coefficients and in the reference of this reading."""
+        return "seconds" if self.reading == "seconds" else "samples"
 
     @property
-    def outputs(self) -> Any:  # type: ignore[override]  # depends on the reading
-        """The speed."""
-        return signals(speed=(self.speed_unit, "speed"))
+    def states(self) -> tuple[Signal, ...]:
+        """Speed and position of the train's front."""
+        speed = signal(self.speed_unit, "speed", role="speed")
+        return signals(speed=speed, position=signal("m", "position of the train's front", role="position"))
 
-    def step(self, x: Any, u: Any, w: Any, k: Any) -> Any:
+    @property
+    def outputs(self) -> tuple[Signal, ...]:
+        """The speed."""
+        return signals(speed=signal(self.speed_unit, "speed", role="speed"))
+
+    def step(self, x: Values, u: Values, w: Values, k: Expression) -> Column:
         """Return speed and position one sample later, (1) with the position added."""
         v, s = x
         force = u.force - self.slope_force(s) - self.running_resistance(v, k)
         v_next = v + self.speed_factor * self.sampling_time / self.mass * force  # (1)
         return v_next, s + self.sampling_time * v / self.speed_factor
 
-    def output(self, x: Any) -> Any:
+    def output(self, x: Values) -> Column:
         """Return the speed."""
         return (x.speed,)
 
-    def slope_force(self, s: Any) -> Any:
+    def slope_force(self, s: Expression) -> Number:
         """Return fa in newtons with the train's front at s metres, (2)."""
         slope = self.line.mean_grade(s, self.length) / 1000
         if self.reading == "printed":
             return self.gravity * ca.sin(ca.atan(slope))  # (2), chi = g
         return self.mass * self.gravity * slope
 
-    def running_resistance(self, v: Any, k: Any) -> Any:
+    def running_resistance(self, v: Expression, k: Number) -> Expression:
         """Return fb in newtons at speed v and sample k, (3) with (17)."""
-        time = k * self.sampling_time if self.reading == "seconds" else k
+        time = k * self.sampling_time if self.clock == "seconds" else k
         swing = ca.sin(self.pulsation * time)
         b0 = self.b0_mean + self.b0_swing * swing  # (17)
         b1 = self.b1_mean + self.b1_swing * swing
         b2 = self.b2_mean + self.b2_swing * swing
         resistance = b0 + b1 * v + b2 * v * v  # (3)
         return resistance / self.mass if self.reading == "printed" else resistance
+
+    def resistance_at(self, speed: Expression) -> Expression:
+        """Return fb at a speed in m/s and the first sample: in newtons, as :meth:`running_resistance` has it."""
+        return self.running_resistance(speed * self.speed_factor, 0)

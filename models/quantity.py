@@ -9,18 +9,27 @@ symbol, which is how the sensitivity to it is found (:func:`symbolised`).
 from __future__ import annotations
 
 import dataclasses
+import enum
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple, TypeVar, dataclass_transform
+from typing import Generic, Literal, NamedTuple, SupportsFloat, TypeVar, cast, dataclass_transform
 
 import casadi as ca
+import numpy as np
 
 from models.errors import InvalidValue as InvalidValue
+from models.expression import Expression
 from models.plain_text import check_plain
 
 T = TypeVar("T")
 Symbolic = (ca.SX, ca.MX, ca.DM)
+
+
+class _Required(enum.Enum):
+    """What stands for the default of a field that has none."""
+
+    VALUE = "a value must be given"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -28,7 +37,8 @@ class Quantity:
     """What is known about a field besides its value: unit, description, range.
 
     ``unit`` is "1" for a pure number and "" for what is not a number. ``structural`` fields shape the
-    equations (a choice, a count, a switch) and are never replaced by a symbol.
+    equations (a choice, a count, a switch) and are never replaced by a symbol. Settings of an ``inline`` part are
+    named as if they were fields of what it is a part of.
     """
 
     unit: str
@@ -40,7 +50,10 @@ class Quantity:
     most: float = math.inf
     optional: bool = False
     structural: bool = False
-    choices: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    inline: bool = False
+    rows: bool = False
+    """Whether a number may be given as one for each of several, too."""
+    choices: Mapping[str, object] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Raise InvalidValue for a unit or a description that cannot be printed."""
@@ -62,6 +75,7 @@ class Quantity:
         opening = "(" if low == -math.inf else opening
         closing = ")" if high == math.inf else closing
         text = f"{opening}{low:g}, {high:g}{closing}".replace("inf", "∞")
+        text = f"{text} or a row of such" if self.rows else text
         return f"{text} or null" if self.optional else text
 
     def admits(self, value: float) -> bool:
@@ -69,19 +83,22 @@ class Quantity:
         return self.above < value < self.below and self.least <= value <= self.most
 
 
-def _field(spec: Quantity, default: Any) -> Any:
+def _field(spec: Quantity, default: T | _Required) -> T:
+    """Return dataclass's description of a field, which a type checker is told to be the field's value."""
     metadata = {"quantity": spec}
-    if default is dataclasses.MISSING:
-        return dataclasses.field(metadata=metadata)
-    if isinstance(default, Mapping):
+    if default is _Required.VALUE:
+        field: T = dataclasses.field(metadata=metadata)
+    elif isinstance(default, Mapping):
         frozen = MappingProxyType(dict(default))
-        return dataclasses.field(default_factory=lambda: frozen, metadata=metadata)
-    return dataclasses.field(default=default, metadata=metadata)
+        field = dataclasses.field(default_factory=lambda: frozen, metadata=metadata)  # type: ignore[assignment]  # T
+    else:
+        field = dataclasses.field(default=default, metadata=metadata)
+    return field
 
 
 def quantity(
     *,
-    default: Any = dataclasses.MISSING,
+    default: T | _Required = _Required.VALUE,
     unit: str,
     doc: str,
     above: float = -math.inf,
@@ -90,10 +107,12 @@ def quantity(
     most: float = math.inf,
     optional: bool = False,
     structural: bool = False,
-) -> Any:
+    rows: bool = False,
+) -> T:
     """Declare a number with its unit ("1" if pure), description and range.
 
-    ``above``/``below`` exclude their end, ``least``/``most`` include it. ``optional`` admits None.
+    ``above``/``below`` exclude their end, ``least``/``most`` include it. ``optional`` admits None, ``rows`` a row of
+    such values too, which is kept as a tuple.
     """
     spec = Quantity(
         unit=unit,
@@ -105,49 +124,63 @@ def quantity(
         most=most,
         optional=optional,
         structural=structural,
+        rows=rows,
     )
     return _field(spec, default)
 
 
 def count(
     *,
-    default: Any = dataclasses.MISSING,
+    default: T | _Required = _Required.VALUE,
     doc: str,
     unit: str = "1",
     least: float = 0,
     most: float = math.inf,
     optional: bool = False,
-) -> Any:
+) -> T:
     """Declare a whole number: it shapes the equations and is never replaced by a symbol."""
     spec = Quantity(unit=unit, doc=doc, kind="count", least=least, most=most, optional=optional, structural=True)
     return _field(spec, default)
 
 
-def switch(*, default: bool, doc: str) -> Any:
+def switch(*, default: bool, doc: str) -> bool:
     """Declare a yes or no."""
     return _field(Quantity(unit="", doc=doc, kind="switch", structural=True), default)
 
 
-def choice(*, default: Any, options: Mapping[str, Any] | tuple[str, ...], doc: str) -> Any:
+def choice(*, default: T | str, options: Mapping[str, T] | tuple[str, ...], doc: str) -> T:
     """Declare one of several named values; the name may be given in place of the value."""
-    named = options if isinstance(options, Mapping) else {name: name for name in options}
+    named: Mapping[str, object] = options if isinstance(options, Mapping) else {name: name for name in options}
     value = named[default] if isinstance(default, str) and default in named else default
-    return _field(Quantity(unit="", doc=doc, kind="choice", choices=named, structural=True), value)
+    spec = Quantity(unit="", doc=doc, kind="choice", choices=named, structural=True)
+    return _field(spec, cast(T, value))
 
 
-def table(*, default: Any = dataclasses.MISSING, unit: str, doc: str, optional: bool = False) -> Any:
+def table(*, default: T | _Required = _Required.VALUE, unit: str, doc: str, optional: bool = False) -> T:
     """Declare a row of numbers (a tuple or a NumPy array) that share one unit."""
     return _field(Quantity(unit=unit, doc=doc, kind="table", structural=True, optional=optional), default)
 
 
-def part(*, default: Any = dataclasses.MISSING, doc: str) -> Any:
-    """Declare a field that is itself a declaration, or a mapping from names to declarations."""
-    return _field(Quantity(unit="", doc=doc, kind="part", structural=True), default)
+def part(*, default: T | _Required = _Required.VALUE, doc: str, inline: bool = False) -> T:
+    """Declare a field that is itself a declaration, or a mapping from names to declarations.
+
+    The settings of an ``inline`` part are set without its name in front.
+    """
+    return _field(Quantity(unit="", doc=doc, kind="part", structural=True, inline=inline), default)
 
 
-def given(*, default: Any = dataclasses.MISSING, doc: str) -> Any:
+def given(*, default: T | _Required = _Required.VALUE, doc: str) -> T:
     """Declare what is not a setting: a name, a function, data that the declaration is made with."""
     return _field(Quantity(unit="", doc=doc, kind="given", structural=True), default)
+
+
+class Declaration:
+    """What a declaration is made of: an object of a class that nobody declared cannot be made."""
+
+    def __init__(self, *values: object, **fields: object) -> None:
+        """Raise InvalidValue: a class that is declared has a constructor of its own."""
+        name = type(self).__name__
+        raise InvalidValue(f"{name} is not declared: put @declared above its class, as in @declared class {name}(...)")
 
 
 @dataclass_transform(
@@ -160,20 +193,31 @@ def declared(cls: type[T]) -> type[T]:
     it raises :class:`InvalidValue` for what no single range can say.
     """
 
-    def validate(self: Any) -> None:
-        for field in dataclasses.fields(self):
-            if "quantity" not in field.metadata:
-                raise TypeError(f"{cls.__name__}.{field.name} has no unit: declare it with quantity(...)")
-            value = _admitted(field.name, getattr(self, field.name), field.metadata["quantity"])
-            object.__setattr__(self, field.name, value)
-        if hasattr(self, "check"):
-            self.check()
+    def validate(self: object) -> None:
+        values = vars(self)
+        for name, spec in _specs(self).items():
+            if spec is None:
+                raise TypeError(f"{cls.__name__}.{name} has no unit: declare it with quantity(...)")
+            object.__setattr__(self, name, _admitted(name, values[name], spec))
+        _own_check(type(self))(self)
 
     cls.__post_init__ = validate  # type: ignore[attr-defined]  # the hook that dataclass calls
     return dataclasses.dataclass(frozen=True, kw_only=True)(cls)
 
 
-def _admitted(name: str, value: Any, spec: Quantity) -> Any:
+def _specs(thing: object) -> dict[str, Quantity | None]:
+    """Return what is known about every field of a dataclass or its object; None for one that says nothing."""
+    if not dataclasses.is_dataclass(thing):
+        return {}
+    return {field.name: field.metadata.get("quantity") for field in dataclasses.fields(thing)}
+
+
+def _own_check(cls: type) -> Callable[[object], None]:
+    """Return the ``check`` that a class gives or inherits, one that finds nothing where there is none."""
+    return next((vars(one)["check"] for one in cls.__mro__ if "check" in vars(one)), lambda thing: None)
+
+
+def _admitted(name: str, value: object, spec: Quantity) -> object:
     """Return the value in its declared form, or raise with what was expected and what came."""
     if value is None and spec.optional:
         return None
@@ -181,69 +225,87 @@ def _admitted(name: str, value: Any, spec: Quantity) -> Any:
         return _chosen(name, value, spec)
     if spec.kind == "switch":
         if not isinstance(value, bool):
-            raise InvalidValue(f"{name} must be true or false, got {value!r}")
+            raise InvalidValue(f"{name} must be true or false, got {_shown(value)}")
         return value
     if spec.kind in ("part", "given"):
         return MappingProxyType(dict(value)) if isinstance(value, Mapping) else value
     if spec.kind == "table":
         return _row(name, value, spec)
+    if spec.rows and (isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim == 1)):
+        if not len(value):
+            raise InvalidValue(f"{name} must be a number in {spec.range()}, got an empty row")
+        one = dataclasses.replace(spec, rows=False)
+        return tuple(_admitted(f"{name}[{index}]", entry, one) for index, entry in enumerate(value))
     if isinstance(value, Symbolic):
         if spec.structural:
             raise InvalidValue(f"{name} shapes the equations: give a number, not a symbol")
         return value
-    if isinstance(value, bool) or (not isinstance(value, (int, float)) and not hasattr(value, "__float__")):
-        raise InvalidValue(f"{name} must be a number in {spec.range()}, got {value!r}")
-    number = float(value)
+    if isinstance(value, bool) or not isinstance(value, SupportsFloat):
+        raise InvalidValue(f"{name} must be a number in {spec.range()}, got {_shown(value)}")
+    try:
+        number = float(value)
+    except (TypeError, ValueError):  # an array
+        raise InvalidValue(f"{name} must be a number in {spec.range()}, got {_shown(value)}") from None
     if not math.isfinite(number):
-        raise InvalidValue(f"{name} must be a finite number in {spec.range()}, got {value!r}")
+        raise InvalidValue(f"{name} must be a finite number in {spec.range()}, got {_shown(value)}")
     if not spec.admits(number):
         unit = f" {spec.unit}" if spec.unit not in ("", "1") else ""
-        raise InvalidValue(f"{name} must lie in {spec.range()}{unit}, got {value!r}")
+        raise InvalidValue(f"{name} must lie in {spec.range()}{unit}, got {_shown(value)}")
     if spec.kind == "count":
         if number != int(number):
-            raise InvalidValue(f"{name} must be a whole number in {spec.range()}, got {value!r}")
+            raise InvalidValue(f"{name} must be a whole number in {spec.range()}, got {_shown(value)}")
         return int(number)
     return number
 
 
-def _chosen(name: str, value: Any, spec: Quantity) -> Any:
+def _shown(value: object) -> str:
+    """Return what came, in one line."""
+    return " ".join(repr(value).split())
+
+
+def _chosen(name: str, value: object, spec: Quantity) -> object:
     if isinstance(value, str) and value in spec.choices:
         return spec.choices[value]
     if isinstance(value, str) or not isinstance(value, tuple(type(option) for option in spec.choices.values())):
-        raise InvalidValue(f"{name} must be one of {spec.range()}, got {value!r}")
+        raise InvalidValue(f"{name} must be one of {spec.range()}, got {_shown(value)}")
     return value
 
 
-def _row(name: str, value: Any, spec: Quantity) -> tuple[float, ...]:
+def _row(name: str, value: object, spec: Quantity) -> tuple[float, ...]:
     try:
+        if not isinstance(value, Iterable):
+            raise TypeError
         numbers = tuple(float(entry) for entry in value)
     except (TypeError, ValueError):
-        raise InvalidValue(f"{name} must be a row of numbers, got {value!r}") from None
+        raise InvalidValue(f"{name} must be a row of numbers, got {_shown(value)}") from None
     if not all(math.isfinite(entry) for entry in numbers):
         raise InvalidValue(f"{name} must hold finite numbers only, got one that is not")
     return numbers
 
 
-def quantities(thing: Any) -> Iterator[tuple[str, Quantity, Any]]:
+def quantities(thing: object) -> Iterator[tuple[str, Quantity, object]]:
     """Yield (name, quantity, value) for every declared field of an object, in order."""
-    for field in dataclasses.fields(thing):
-        if "quantity" in field.metadata:
-            yield field.name, field.metadata["quantity"], getattr(thing, field.name)
+    values = vars(thing)
+    for name, spec in _specs(thing).items():
+        if spec is not None:
+            yield name, spec, values[name]
 
 
-def is_declared(thing: Any) -> bool:
+def is_declared(thing: object) -> bool:
     """Tell whether an object was made from a class with declared fields."""
-    return dataclasses.is_dataclass(thing) and not isinstance(thing, type)
+    return dataclasses.is_dataclass(thing) and not isinstance(thing, type) and None not in _specs(thing).values()
 
 
-def parts(value: Any) -> list[tuple[str, Any]]:
+def parts(value: object) -> list[tuple[str, object]]:
     """Return the declarations that a field's value is (named "") or holds by name."""
     if isinstance(value, Mapping):
         return [(name, part) for name, part in value.items() if is_declared(part)]
     return [("", value)] if is_declared(value) else []
 
 
-def walked(thing: Any, into: Callable[[Quantity, Any], bool], prefix: str = "") -> Iterator[tuple[str, Quantity, Any]]:
+def walked(
+    thing: object, into: Callable[[Quantity, object], bool], prefix: str = ""
+) -> Iterator[tuple[str, Quantity, object]]:
     """Yield (path, quantity, value) for every field of a declaration and of those within it, outer ones first.
 
     A path is dotted; of a mapping's declarations it has the name (``controllers.icfdl.lam``). ``into`` tells,
@@ -256,57 +318,68 @@ def walked(thing: Any, into: Callable[[Quantity, Any], bool], prefix: str = "") 
                 yield from walked(within, into, f"{prefix}{name}.{inner}." if inner else f"{prefix}{name}.")
 
 
-def nested(values: Mapping[str, Any]) -> dict[str, Any]:
+def nested(values: Mapping[str, object]) -> dict[str, object]:
     """Return values by dotted path as nested dictionaries.
 
     A value that is a dictionary itself is joined with what lies below its path. Raises InvalidValue where one path
     leads through a value of another.
     """
-    result: dict[str, Any] = {}
+    result: dict[str, object] = {}
     for path, value in values.items():
         node = result
         *above, last = path.split(".")
         for step in above:
-            node = node.setdefault(step, {})
-            if not isinstance(node, dict):
+            within = node.setdefault(step, {})
+            if not isinstance(within, dict):
                 raise InvalidValue(f"{path} lies within {step}, which is given a value too: leave one of them out")
+            node = within
         node[last] = value
     return result
 
 
-def rebuilt(thing: Any, changes: Mapping[str, Any], prefix: str = "") -> Any:
+def rebuilt(thing: T, changes: Mapping[str, object], prefix: str = "") -> T:
     """Return a declaration, or a mapping of them, with nested changes of fields that it has.
 
     All changes of one declaration are made at once, so ranges that depend on each other are checked on the result.
+    A declaration, or a mapping of them, among the changes takes the place of what was there as a whole.
     Raises InvalidValue with the full path for a bad value.
     """
     if isinstance(thing, Mapping):
-        within = {name: rebuilt(thing[name], change, f"{prefix}{name}.") for name, change in changes.items()}
-        return {**thing, **within}
+        within = {name: _changed(thing.get(name), change, f"{prefix}{name}.") for name, change in changes.items()}
+        return cast(T, {**thing, **within})
     made = {
-        name: rebuilt(value, changes[name], f"{prefix}{name}.")
-        if isinstance(changes[name], Mapping) and (is_declared(value) or isinstance(value, Mapping))
-        else changes[name]
-        for name, _, value in quantities(thing)
+        name: _changed(value, changes[name], prefix if spec.inline else f"{prefix}{name}.")
+        for name, spec, value in quantities(thing)
         if name in changes
     }
+    if not made or not dataclasses.is_dataclass(thing) or isinstance(thing, type):
+        return thing
     try:
-        return dataclasses.replace(thing, **made) if made else thing
+        return dataclasses.replace(thing, **made)
     except InvalidValue as error:
         text = str(error)
         raise InvalidValue(text if "." in text.split(" ", 1)[0] else f"{prefix}{text}") from None
 
 
-class Symbolised(NamedTuple):
+def _changed(value: object, change: object, prefix: str) -> object:
+    """Return a field's value with nested changes made, or what takes its place as a whole."""
+    if not isinstance(change, Mapping) or any(is_declared(one) for one in change.values()):
+        return change
+    return rebuilt(value, change, prefix) if is_declared(value) or isinstance(value, Mapping) else change
+
+
+class Symbolised(NamedTuple, Generic[T]):
     """A declaration whose float quantities are symbols, and the numbers that they stand for."""
 
-    thing: Any
+    thing: T
     names: tuple[str, ...]
-    symbols: tuple[Any, ...]
+    symbols: tuple[Expression, ...]
     values: tuple[float, ...]
 
 
-def symbolised(thing: Any, symbol: Callable[[str], Any] = ca.SX.sym, only: frozenset[str] | None = None) -> Symbolised:
+def symbolised(
+    thing: T, symbol: Callable[[str], Expression | ca.MX] = ca.SX.sym, only: frozenset[str] | None = None
+) -> Symbolised[T]:
     """Replace float quantities, nested ones included, by symbols named after their path.
 
     ``only`` restricts it to the paths named. Structural fields and fields that are None stay as they are.
@@ -317,5 +390,5 @@ def symbolised(thing: Any, symbol: Callable[[str], Any] = ca.SX.sym, only: froze
         if spec.kind == "number" and not spec.structural and isinstance(value, float)
         if only is None or path in only
     }
-    symbols = {path: symbol(path.replace(".", "_")) for path in found}
+    symbols = {path: cast(Expression, symbol(path.replace(".", "_"))) for path in found}
     return Symbolised(rebuilt(thing, nested(symbols)), tuple(found), tuple(symbols.values()), tuple(found.values()))

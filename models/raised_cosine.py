@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
+from models.array import Array
 from models.plant import Plant
 from models.quantity import InvalidValue, count, declared, given
 from models.reference import Reference
@@ -30,7 +30,7 @@ class RaisedCosines(Reference):
             if after[0] < before[1] or after[2] != before[3]:
                 raise InvalidValue(f"moves must follow each other, got {after} after {before}")
 
-    def samples(self, plant: Plant) -> Any:
+    def samples(self, plant: Plant) -> Array:
         """Return the speed, shape (1, N + 1)."""
         t = np.arange(self.horizon + 1) * float(plant.sampling_time)
         speed = np.full(t.shape, self.moves[0][2])

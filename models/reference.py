@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from models.array import Array
 from models.plant import Plant
 from models.quantity import InvalidValue, declared, given
 
@@ -15,7 +16,7 @@ class Reference(ABC):
     """What a study's outputs should follow: samples 0..N of every output."""
 
     @abstractmethod
-    def samples(self, plant: Plant) -> Any:
+    def samples(self, plant: Plant) -> Array:
         """Return the reference, shape (outputs, N + 1), in the units of the plant's outputs."""
 
 
@@ -23,7 +24,7 @@ class Reference(ABC):
 class Given(Reference):
     """A reference given as numbers: shape (N + 1,) for one output or (outputs, N + 1)."""
 
-    values: Any = given(doc="the samples 0..N of every output")
+    values: ArrayLike = given(doc="the samples 0..N of every output")
 
     def check(self) -> None:
         """Raise InvalidValue unless the values are finite and at least three samples long."""
@@ -46,7 +47,7 @@ class Given(Reference):
     def __hash__(self) -> int:
         return hash(np.asarray(self.values, dtype=float).tobytes())
 
-    def samples(self, plant: Plant) -> Any:
+    def samples(self, plant: Plant) -> Array:
         """Return the values, shape (outputs, N + 1)."""
         array = np.atleast_2d(np.asarray(self.values, dtype=float))
         if array.shape[0] != len(plant.outputs):

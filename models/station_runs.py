@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
+from models.array import Array
 from models.plant import Plant
 from models.quantity import InvalidValue, declared, quantity
 from models.reference import Reference
 
 
-def grid(duration: float, sampling_time: Any, what: str) -> Any:
+def grid(duration: float, sampling_time: float, what: str) -> Array:
     """Return the sample instants 0..duration in seconds, both ends included, shape (N + 1,).
 
     Raises InvalidValue unless the duration is a multiple of the sampling time.
@@ -21,13 +21,13 @@ def grid(duration: float, sampling_time: Any, what: str) -> Any:
     samples = round(duration / step)
     if abs(samples * step - duration) > 1e-9 * duration:
         raise InvalidValue(f"{what} must be a multiple of the sampling time of {step:g} s, got {duration:.9g} s")
-    return np.arange(samples + 1) * step
+    return np.arange(samples + 1, dtype=float) * step
 
 
-def integrated_steps(instants: tuple[float, ...], changes: tuple[float, ...], t: Any, times: int) -> Any:
+def integrated_steps(instants: tuple[float, ...], changes: tuple[float, ...], t: Array, times: int) -> Array:
     """Return the ``times``-fold integral of a sum of steps of height ``changes`` at ``instants``; same shape as t."""
     raised = (change * np.maximum(t - at, 0) ** times for at, change in zip(instants, changes, strict=True))
-    return sum(raised) / math.factorial(times)
+    return sum(raised, np.zeros_like(t)) / math.factorial(times)
 
 
 @declared
@@ -77,7 +77,7 @@ class Shuttle(Reference):
         run = Trapezoid(distance=self.distance, speed=self.speed, acceleration=self.acceleration)
         return 2 * (run.duration + self.standing)
 
-    def samples(self, plant: Plant) -> Any:
+    def samples(self, plant: Plant) -> Array:
         """Return position and speed, shape (2, N + 1), N being the period in samples."""
         run = Trapezoid(distance=self.distance, speed=self.speed, acceleration=self.acceleration)
         t = grid(self.period, plant.sampling_time, "the period")
@@ -103,7 +103,7 @@ class StationRun(Reference):
         """Raise InvalidValue where the distance is too short for the speed."""
         Trapezoid(distance=self.distance, speed=self.speed, acceleration=self.acceleration)
 
-    def samples(self, plant: Plant) -> Any:
+    def samples(self, plant: Plant) -> Array:
         """Return position and speed, shape (2, N + 1)."""
         run = Trapezoid(distance=self.distance, speed=self.speed, acceleration=self.acceleration)
         t = grid(run.duration + self.smoothing + self.standing, plant.sampling_time, "the running time")

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import functools
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
-from models.plant import Plant, Signal
+from models.array import Array
+from models.expression import Column, Expression
+from models.plant import Plant, Signal, Values
 from models.quantity import InvalidValue, declared, given, quantity, table
+
+if TYPE_CHECKING:
+    from models.control_systems import TransferFunction
 
 FASTEST = 1e6
 """Largest size of a pole times the sampling time."""
@@ -60,44 +66,45 @@ class Transfer(Plant):
             )
 
     @classmethod
-    def of(cls, system: Any, **fields: Any) -> Transfer:
+    def of(cls, system: TransferFunction, **fields: object) -> Self:
         """Return the plant of a python-control ``TransferFunction`` with one input and one output."""
         if system.ninputs != 1 or system.noutputs != 1 or system.isdtime(strict=True):
             raise InvalidValue("a transfer function must be continuous, with one input and one output")
-        return cls(numerator=tuple(system.num[0][0]), denominator=tuple(system.den[0][0]), **fields)
+        numerator, denominator = tuple(system.num[0][0]), tuple(system.den[0][0])
+        return cls(numerator=numerator, denominator=denominator, **fields)  # type: ignore[arg-type]  # they are checked
 
     @property
-    def states(self) -> Any:  # type: ignore[override]  # as many as the denominator's degree
+    def states(self) -> tuple[Signal, ...]:
         """The states of python-control's realisation."""
         return tuple(
             Signal(f"x{i}", "1", f"state {i} of the realisation") for i in range(1, len(self._matrices[0]) + 1)
         )
 
     @property
-    def inputs(self) -> Any:  # type: ignore[override]  # named by a field
+    def inputs(self) -> tuple[Signal, ...]:
         """The input."""
         return (self.input_signal,)
 
     @property
-    def outputs(self) -> Any:  # type: ignore[override]  # named by a field
+    def outputs(self) -> tuple[Signal, ...]:
         """The output."""
         return (self.output_signal,)
 
-    def step(self, x: Any, u: Any, w: Any, k: Any) -> Any:
+    def step(self, x: Values, u: Values, w: Values, k: Expression) -> Column:
         """Return the state one sample later: exact for an input that is held."""
         a, b, _ = self._matrices
         return ca.DM(a) @ x.vector + ca.DM(b) @ u.vector
 
-    def output(self, x: Any) -> Any:
+    def output(self, x: Values) -> Column:
         """Return the output."""
         return self.gain * (ca.DM(self._matrices[2]) @ x.vector)
 
     @property
-    def _matrices(self) -> tuple[Any, Any, Any]:
+    def _matrices(self) -> tuple[Array, Array, Array]:
         return _sampled(self.numerator, self.denominator, float(self.sampling_time))
 
 
-def _poles(denominator: Any) -> Any:
+def _poles(denominator: Array) -> NDArray[np.complex128]:
     """Return the poles in rad/s; infinity for one that is beyond numbers, 0 where there is none."""
     with np.errstate(over="ignore", divide="ignore"):
         if not np.isfinite(denominator / denominator[0]).all():
@@ -108,7 +115,7 @@ def _poles(denominator: Any) -> Any:
 @functools.cache
 def _sampled(
     numerator: tuple[float, ...], denominator: tuple[float, ...], sampling_time: float
-) -> tuple[Any, Any, Any]:
+) -> tuple[Array, Array, Array]:
     from models.control_systems import zero_order_hold
 
     system = zero_order_hold(numerator, denominator, sampling_time)

@@ -12,7 +12,7 @@ import pytest
 import benchmarks
 from benchmarks import loops
 from studies.metro.study import STUDY
-from workbench.fold.fold import stream
+from workbench.trials.simulation import Runner
 
 
 def test_the_hand_written_loop_is_the_same_law():
@@ -20,9 +20,9 @@ def test_the_hand_written_loop_is_the_same_law():
     inputs, r = study.inputs(), study.reference_samples
     lengths = np.array([one.length for one in inputs])
     mse, speeds, positions, forces, estimates = loops.recorded(r[0], lengths, loops.campaign)
-    for i, left in enumerate(stream(study.fold("icfdl"), r, inputs)):
+    for i, left in enumerate(Runner(study, "icfdl").trials(inputs)):
         end = lengths[i] + 1
-        assert left.mse == pytest.approx(mse[i], rel=1e-9)
+        assert left.mse[0] == pytest.approx(mse[i], rel=1e-9)
         np.testing.assert_allclose(left.y[0], speeds[i], rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(left.x[1, :end], positions[i, :end], rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(left.u[0], forces[i], rtol=1e-9, atol=1e-6)

@@ -52,7 +52,7 @@ def main() -> None:
 def _notes(error: BaseException | None) -> Iterator[str]:
     """Yield what was noted on an error and on those that it came from: what was kept of the work."""
     while error is not None:
-        yield from getattr(error, "__notes__", ())
+        yield from vars(error).get("__notes__", ())
         error = error.__cause__ or error.__context__
 
 

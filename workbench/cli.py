@@ -12,12 +12,17 @@ import sys
 import unicodedata
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from models.errors import InvalidValue
 from workbench.distribution import HiddenPackageError, unhidden
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from workbench.contracts.study import Scores, Study
 
 app = typer.Typer(
     add_completion=False,
@@ -31,6 +36,8 @@ Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="change a setting (may be repeated)")
 ]
 Seed = Annotated[int | None, typer.Option(help="seed of everything random")]
+Case = Annotated[str | None, typer.Option("--case", metavar="NAME", help="one of the study's cases (see show)")]
+Draws = Annotated[int | None, typer.Option(help="how many campaigns, with seeds of their own")]
 Out = Annotated[Path | None, typer.Option(metavar="DIR", help="output folder (default: out/STUDY)")]
 Full = Annotated[bool, typer.Option("--full", help="add the long sweeps")]
 Strict = Annotated[bool, typer.Option("--strict", help="exit with 3 if any claim is REFUTED")]
@@ -54,12 +61,18 @@ def _options(
     """Design and verify learning controllers on symbolic plants."""
 
 
-def _study(name: str, assignments: list[str] | None, seed: int | None) -> Any:
+def _study(
+    name: str, assignments: list[str] | None, seed: int | None = None, case: str | None = None, draws: int | None = None
+) -> Study:
+    from workbench.contracts import settings
     from workbench.trials import find as studies
-    from workbench.trials import settings
 
-    seeded = [f"seed={seed}"] if seed is not None else []
-    return settings.assigned(studies.find(name), [*(assignments or []), *seeded])
+    besides = [f"{key}={value}" for key, value in (("seed", seed), ("draws", draws)) if value is not None]
+    study = settings.assigned(settings.in_case(studies.find(name), case or ""), [*(assignments or []), *besides])
+    if name.endswith(".py"):  # those that are installed are looked at by the tests
+        for line in _disagreeing(study):
+            logging.getLogger("workbench").warning("dimensions do not agree: %s", line)
+    return study
 
 
 @app.command("list")
@@ -74,39 +87,60 @@ def list_studies() -> None:
 @app.command()
 def show(name: Name) -> None:
     """Print the settings that --set takes, with units and ranges."""
-    from workbench.trials import settings
+    from workbench.contracts import settings
 
     with _computing():
-        study = _study(name, None, None)
+        from workbench.trials import find as studies
+
+        study = studies.find(name)
     print(f"{study.name}: {study.title}" if study.title else study.name)
     if study.source:
         print(f"Source: {study.source}")
+    for case, changes in study.cases.items():
+        print(f"Case {case}: {', '.join(f'{path} = {_said(value)}' for path, value in changes.items())}")
     print()
     table: list[tuple[str, ...]] = [("setting", "value", "unit", "range", "meaning")]
     for row in settings.rows(study):
         value = row.value if isinstance(row.value, str) else json.dumps(row.value)
         table.append((row.path, value, "" if row.unit == "1" else row.unit, row.range, row.doc))
     _print_table(table)
+    for line in _disagreeing(study):
+        print(f"\nDimensions do not agree: {line}")
+
+
+def _disagreeing(study: Study) -> list[str]:
+    """Return where the dimensions of the study's plant do not agree, a line each."""
+    from workbench.contracts.dimensions import mismatches
+
+    return mismatches(study.plant)
 
 
 @app.command()
-def run(name: Name, assignments: Settings = None, seed: Seed = None, out: Out = None, as_json: Json = False) -> None:
-    """Run a study and write run.nc, scores.json and figures/."""
+def run(
+    name: Name,
+    assignments: Settings = None,
+    seed: Seed = None,
+    out: Out = None,
+    as_json: Json = False,
+    case: Case = None,
+    draws: Draws = None,
+) -> None:
+    """Run a study and write run.nc, scores.json and figures/, with several draws draws.nc too."""
     from workbench.trials import campaign
     from workbench.trials.draft import replacing
 
     with _computing():
-        study = _study(name, assignments, seed)
+        study = _study(name, assignments, seed, case, draws)
         folder = out or Path("out") / campaign.figure_file(study.name)
         with replacing(folder) as draft:
             done = campaign.run(study)
             done.record(draft)
             done.write(draft)
-        found = done.scores_json()
+        found, scores = done.scores_json(), done.scores()
     if as_json:
         print(json.dumps(found, indent=2))
         return
-    _print_scores(found["scores"], done.data)
+    _print_scores(scores, done.data)
     print(f"\nRun:      {folder / 'run.nc'}\nScores:   {folder / 'scores.json'}\nFigures:  {folder / 'figures'}/")
 
 
@@ -119,30 +153,32 @@ def verify(
     full: Full = False,
     strict: Strict = False,
     as_json: Annotated[bool, typer.Option("--json", help="print verdicts.json instead of tables")] = False,
+    case: Case = None,
+    draws: Draws = None,
 ) -> None:
     """Run a study, check its claims and write run.nc, scores.json, figures/, verdicts and report.html.
+
+    Every case of the study is run and checked, or the one that --case names (default: the study as declared).
 
     Exit status: 0 every check came to a standing, 1 some are UNDECIDED, 2 bad usage or input, with --strict 3
     if any is REFUTED.
     """
     unhidden("verification")
-    from verification.decide.verify import verify as examine
+    from verification.decide.verify import verify_cases
     from verification.report import write as report
     from workbench.trials import campaign
     from workbench.trials.draft import replacing
 
     with _computing():
-        study = _study(name, assignments, seed)
+        study = _study(name, assignments, seed, draws=draws)
         folder = out or Path("out") / campaign.figure_file(study.name)
         with replacing(folder) as draft:
-            done = campaign.run(study)
-            done.record(draft)
-            found = examine(done, full=full)
-            report.write_into(found, draft)
+            found = verify_cases(study, draft, only=case, full=full)
+        scores, data = report.all_scores(found), found.campaign.data
     if as_json:
         print(json.dumps(report.verdicts_json(found), indent=2))
     else:
-        _print_scores(json.loads((folder / "scores.json").read_text(encoding="utf-8"))["scores"], done.data)
+        _print_scores(scores, data)
         print()
         _print_table(report.verdict_table(found))
         print(f"\n{report.tally(found)}")
@@ -154,7 +190,10 @@ def verify(
 @app.command()
 def compare(
     name: Name,
-    laws: Annotated[str | None, typer.Option(metavar="A,B,...", help="laws to compare (default: all)")] = None,
+    laws: Annotated[
+        str | None,
+        typer.Option(metavar="A,B,...", help="laws of the library and of the study (default: all that suit)"),
+    ] = None,
     assignments: Settings = None,
     seed: Seed = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="output folder (default: out/compare-STUDY)")] = None,
@@ -199,7 +238,7 @@ def compare(
     print(f"\nTable:    {folder / 'table.csv'} (times: times.csv)\nFigures:  {folder / 'figures'}/")
 
 
-def _print_scores(scores: Any, data: Any) -> None:
+def _print_scores(scores: Scores, data: xr.Dataset) -> None:
     metrics = list(dict.fromkeys(metric for row in scores.values() for metric in row))
     table: list[tuple[str, ...]] = [("metric", *scores)]
     for metric in metrics:
@@ -209,6 +248,11 @@ def _print_scores(scores: Any, data: Any) -> None:
         for controller, reason in zip(data["controller"].values, data["stopped"].values, strict=True):
             if reason:
                 print(f"{controller}: {reason}")
+
+
+def _said(value: object) -> str:
+    """Return what a case sets, in a few words."""
+    return json.dumps(value) if isinstance(value, (bool, int, float, str, list, tuple)) else str(value)
 
 
 def _short(value: float | None) -> str:
@@ -285,3 +329,9 @@ def main() -> None:
         if error.filename is None:  # what is still to be written would fail again at the end
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         _fail(f"{error.filename or 'standard output'} cannot be used: {error.strerror or error}")
+    except Exception as error:
+        from models.users_code import place_of, told
+
+        if place_of(error) is None:
+            raise
+        _fail(str(told(error, "in the study's own code")))

@@ -31,10 +31,14 @@ def unhidden(*names: str) -> None:
         found = list(spec.submodule_search_locations or ()) if spec else []
         if floor / name in [Path(place).resolve() for place in found]:
             continue
-        place = (spec.origin if spec else None) or (
-            found[0] if found else getattr(sys.modules.get(name), "__file__", "")
-        )
+        place = (spec.origin if spec else None) or (found[0] if found else _file(name))
         raise HiddenPackageError(
             f"{name} must be the package in {floor}, but {place or 'another'} has its name and is found first: "
             "rename that, or start from another folder"
         )
+
+
+def _file(name: str) -> str:
+    """Return the file of a module that is loaded, or nothing."""
+    module = sys.modules.get(name)
+    return "" if module is None else str(vars(module).get("__file__", ""))

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import cast
 
 import casadi as ca
 import numpy as np
 
 from models.plant import FirstEffect
+from studies.ato.evidence import Evidence, Immune, is_immune
 from studies.ato.published import tables
-from studies.ato.scores import FOUR, better_all_four
+from studies.ato.scores import FOUR, better_all_four, gains, jerks, slopes
+from studies.ato.study import own
 from verification.checks.jump import find_jump
 from verification.checks.linear_loop import critical_gain, incremental_pid
 from verification.enclosure.smoothness import continuous_everywhere
 from workbench.contracts.examination import Examination
+from workbench.contracts.study import Study
 from workbench.contracts.verdict import Claim, Finding, Standing, Verdict, undecided
 from workbench.controllers.parts import immune
 from workbench.trials.campaign import Campaign
@@ -30,8 +33,8 @@ PAPER = "Chu, Yu, Lin, Yuan & Jiang"
 
 def examine(campaign: Campaign, *, full: bool = False) -> Examination:
     """Return the claims of an ato campaign, step or curve test."""
-    study, data = campaign.study, campaign.data
-    names = [str(name) for name in data["controller"].values]
+    evidence, study = Evidence(campaign), campaign.study
+    names = list(study.controllers)
     claims = [
         Claim(
             name="ato.relative_degree",
@@ -48,13 +51,13 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
     ]
     for name in names:
         law = study.controllers[name]
-        if hasattr(law, "f"):
+        if is_immune(law):
             claims.append(
                 Claim(
                     name="ato.f_continuous",
                     statement="the stimulus f(u, du) is continuous",
                     source=f"{PAPER}, fuzzy rules with the mean of maxima; smooth form: ours",
-                    check=partial(f_continuous, law.f),
+                    check=partial(f_continuous, cast(Immune, law).f),
                     controller=name,
                 )
             )
@@ -64,33 +67,33 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
                 name="ato.critical_gain",
                 statement="the largest p1 - p2 f stays below the critical gain of the linear loop",
                 source="ours: the loop with a constant gain, by python-control",
-                check=partial(_critical_gain, study, data, name),
+                check=partial(_critical_gain, evidence, name),
                 controller=name,
             ),
             Claim(
                 name="ato.jerk_limit",
                 statement=f"the jerk stays below {JERK_LIMIT} m/s^3, for every seed",
                 source=f"{PAPER}, comfort",
-                check=partial(_jerk, study, data, name),
+                check=partial(_jerk, evidence, name),
                 controller=name,
             ),
         ]
     if "bp-fipid" in names:
-        claims += _network(study, data, names)
+        claims += _network(evidence, names)
     return Examination(
         claims=claims,
-        conclude=partial(_conclude, campaign),
-        tables=partial(tables, campaign),
+        conclude=partial(_conclude, evidence),
+        tables=partial(tables, evidence),
     )
 
 
-def _network(study: Any, data: Any, names: Sequence[str]) -> list[Claim]:
+def _network(evidence: Evidence, names: Sequence[str]) -> list[Claim]:
     claims = [
         Claim(
             name="ato.sign_of_slope",
             statement="the sign of the finite difference of y by u is that of the plant's derivative",
             source=f"{PAPER}, back-propagation through the plant",
-            check=partial(_sign, study, data),
+            check=partial(_sign, evidence),
             controller="bp-fipid",
         )
     ]
@@ -100,7 +103,7 @@ def _network(study: Any, data: Any, names: Sequence[str]) -> list[Claim]:
                 name="ato.network_learns",
                 statement="learning lowers the median ISE by more than 1 % against weights frozen at their start",
                 source=f"{PAPER}, on-line tuning by the network",
-                check=partial(_learns, data),
+                check=partial(_learns, evidence),
                 controller="bp-fipid",
             )
         )
@@ -110,7 +113,7 @@ def _network(study: Any, data: Any, names: Sequence[str]) -> list[Claim]:
                 name="ato.better_than_fixed_gain",
                 statement="ISE, IAE, ITSE and ITAE all lie below those of the best fixed gain p1 = p2, for most seeds",
                 source="ours: what a comparison with an untuned FIPID leaves open",
-                check=partial(_better, data, "fixed-best", 0.5),
+                check=partial(_better, evidence, "fixed-best", 0.5),
                 controller="bp-fipid",
             )
         )
@@ -120,24 +123,24 @@ def _network(study: Any, data: Any, names: Sequence[str]) -> list[Claim]:
                 name="ato.better_than_fipid",
                 statement="ISE, IAE, ITSE and ITAE all lie below those of FIPID, for every start of the weights",
                 source=f"{PAPER}, tables 2 and 3",
-                check=partial(_better, data, "fipid", 1.0),
+                check=partial(_better, evidence, "fipid", 1.0),
                 controller="bp-fipid",
             )
         )
     return claims
 
 
-def _dead_times(study: Any) -> dict[str, int]:
+def _dead_times(study: Study) -> dict[str, int]:
     """Return a step k of every dead time that the test's plant has."""
-    return {"traction": 0, "braking": 1500} if study.test == "curve" else {"traction": 0}
+    return {"traction": 0, "braking": 1500} if own(study).curve else {"traction": 0}
 
 
-def _effects(study: Any) -> dict[str, FirstEffect | None]:
-    plant = study.setting.plant
+def _effects(study: Study) -> dict[str, FirstEffect | None]:
+    plant = study.plant_that_runs
     return {name: plant.first_effect(limit=100, k=k) for name, k in _dead_times(study).items()}
 
 
-def _relative_degree(study: Any) -> Finding:
+def _relative_degree(study: Study) -> Finding:
     found = _effects(study)
     late = {name: one for name, one in found.items() if one is not None and one.degree > 1}
     if any(one is not None and not one.shown for one in found.values()):
@@ -157,7 +160,7 @@ def _relative_degree(study: Any) -> Finding:
     )
 
 
-def _printed_degree(study: Any) -> Finding:
+def _printed_degree(study: Study) -> Finding:
     found = _effects(study)["traction"]
     if found is not None and found.degree == 1:
         if not found.shown:
@@ -195,78 +198,84 @@ def f_continuous(kind: str) -> Finding:
     )
 
 
-def _loop_gain(study: Any, law: Any) -> float:
-    plant = study.setting.plant
+def _loop_gain(study: Study, law: Immune) -> float:
+    plant = study.plant_that_runs
     linear = plant.linearised([0.0] * len(plant.states), [0.0] * len(plant.inputs))
-    return critical_gain(linear * incremental_pid(law.ki, law.kd, float(study.plant.sampling_time)))
+    return critical_gain(linear * incremental_pid(law.ki, law.kd, float(plant.sampling_time)))
 
 
-def _critical_gain(study: Any, data: Any, name: str) -> Finding:
-    law = study.controllers[name]
-    if not hasattr(law, "ki"):
+def _critical_gain(evidence: Evidence, name: str) -> Finding:
+    law = evidence.study.controllers[name]
+    if not is_immune(law):
         return undecided(f"{name} has no gain p1 - p2 f")
-    critical = _loop_gain(study, law)
-    one = data.sel(controller=name)
-    gain = (one["p1"] - one["p2"] * one["f"]).values
-    seed, k = (int(i) for i in np.unravel_index(int(np.nanargmax(gain)), gain.shape))
-    largest = float(gain[seed, k])
-    above = int(np.sum(np.nanmax(gain, axis=1) >= critical))
+    critical = _loop_gain(evidence.study, cast(Immune, law))
+    largest = evidence.metric(name, "gain_max")
+    worst = evidence.worst(largest)
+    gain = float(largest[worst.at])
     return Finding(
-        standing=Standing.SUPPORTED if largest < critical else Standing.REFUTED,
-        margin=critical - largest,
+        standing=Standing.SUPPORTED if gain < critical else Standing.REFUTED,
+        margin=critical - gain,
         unit="1",
-        witness={"seed": seed + 1, "sample": k, "p1 - p2 f": largest, "critical gain": critical, "seeds above": above},
-        method="poles of the loop linearised from the symbolic plant against the gains of all seeds; the gain varies, "
+        witness={
+            **worst.witness,
+            "sample": int(np.nanargmax(gains(evidence.signals(worst.at), name))),
+            "p1 - p2 f": gain,
+            "critical gain": critical,
+            "draws above": int(np.sum(largest >= critical)),
+        },
+        method="poles of the loop linearised from the symbolic plant against the gains of all draws; the gain varies, "
         "so neither side of the limit decides stability by itself",
     )
 
 
-def _jerk(study: Any, data: Any, name: str) -> Finding:
-    y = data["output"].sel(controller=name).values[:, :-1]
-    jerk = np.abs(np.diff(y, 2, axis=1)) / float(study.plant.sampling_time) ** 2
-    seed, k = (int(i) for i in np.unravel_index(int(np.argmax(jerk)), jerk.shape))
-    largest = float(jerk[seed, k])
+def _jerk(evidence: Evidence, name: str) -> Finding:
+    jerk = evidence.metric(name, "max_jerk")
+    worst = evidence.worst(jerk)
+    largest = float(jerk[worst.at])
+    y = evidence.signals(worst.at)["output"].sel(controller=name).values[-1, :-1]
     return Finding(
         standing=Standing.SUPPORTED if largest < JERK_LIMIT else Standing.REFUTED,
         margin=JERK_LIMIT - largest,
         unit="m/s^3",
-        witness={"seed": seed + 1, "sample": k + 1, "jerk": largest},
-        method="second differences of the recorded speed, all seeds",
+        witness={
+            **worst.witness,
+            "sample": int(np.argmax(jerks(y, float(evidence.study.plant.sampling_time)))) + 1,
+            "jerk": largest,
+        },
+        method="second differences of the recorded speed, all draws",
     )
 
 
-def _sign(study: Any, data: Any) -> Finding:
-    one = data.sel(controller="bp-fipid")
-    u, y = one["input"].values[:, :-1], one["output"].values[:, :-1]
-    sign = np.sign(np.diff(y, axis=1) * np.diff(u, axis=1))
-    wrong = sign < 0
-    found = _effects(study)["traction"]
+def _sign(evidence: Evidence) -> Finding:
+    shares = evidence.metric("bp-fipid", "wrong_sign_share")
+    found = _effects(evidence.study)["traction"]
     if found is None or found.slope_at_rest <= 0:
         return undecided("the plant's derivative is not positive")
-    if not wrong.any():
-        return Finding(standing=Standing.SUPPORTED, margin=0.0, method="all samples and seeds")
-    seed, k = (int(i) for i in np.argwhere(wrong)[0])
-    share = float(np.mean(wrong))
+    if not shares.any():
+        return Finding(standing=Standing.SUPPORTED, margin=0.0, method="all samples and draws")
+    first = evidence.draw(int(np.flatnonzero(shares)[0]))
+    dy, du = slopes(evidence.signals(first.at), "bp-fipid")
+    k = int(np.flatnonzero(np.sign(dy * du) < 0)[0])
     return Finding(
         standing=Standing.REFUTED,
-        margin=-share,
+        margin=-float(np.mean(shares)),
         unit="share of samples",
         witness={
-            "seed": seed + 1,
+            **first.witness,
             "sample": k + 1,
-            "y(k) - y(k-1)": float(np.diff(y, axis=1)[seed, k]),
-            "u(k) - u(k-1)": float(np.diff(u, axis=1)[seed, k]),
+            "y(k) - y(k-1)": float(dy[k]),
+            "u(k) - u(k-1)": float(du[k]),
             f"dy(k+{found.degree})/du(k)": found.slope_at_rest,
         },
         method="finite differences of the record against the symbolic derivative of the delayed sample",
     )
 
 
-def _learns(data: Any) -> Finding:
-    learned, frozen = (data["ise"].sel(controller=name).values for name in ("bp-fipid", "bp-frozen"))
+def _learns(evidence: Evidence) -> Finding:
+    learned, frozen = (evidence.metric(name, "ise") for name in ("bp-fipid", "bp-frozen"))
     a, b = float(np.median(learned)), float(np.median(frozen))
     gained = 1 - a / b
-    worst = int(np.argmax(learned / frozen))
+    worst = evidence.worst(learned / frozen)
     return Finding(
         standing=Standing.SUPPORTED if gained > LEARNS else Standing.REFUTED,
         margin=gained - LEARNS,
@@ -275,41 +284,38 @@ def _learns(data: Any) -> Finding:
             "median ISE learned": a,
             "median ISE frozen": b,
             "gained": gained,
-            "least favourable seed": worst + 1,
-            "its ISE learned and frozen": [float(learned[worst]), float(frozen[worst])],
+            "least favourable": worst.witness,
+            "its ISE learned and frozen": [float(learned[worst.at]), float(frozen[worst.at])],
         },
-        method=f"medians over {learned.size} seed(s), each learned and frozen from the same start",
+        method=f"medians over {learned.size} draw(s), each learned and frozen from the same start",
     )
 
 
-def _better(data: Any, against: str, needed: float) -> Finding:
-    share = better_all_four(data, "bp-fipid", against)
-    ratios = np.stack(
-        [(data[i].sel(controller="bp-fipid") / data[i].sel(controller=against)).values for i in FOUR], axis=1
-    )
-    worst = int(np.argmax(ratios.max(axis=1)))
+def _better(evidence: Evidence, against: str, needed: float) -> Finding:
+    share = better_all_four(evidence.drawn, "bp-fipid", against)
+    ratios = np.stack([evidence.metric("bp-fipid", i) / evidence.metric(against, i) for i in FOUR], axis=1)
+    worst = evidence.worst(ratios.max(axis=1))
     holds = share >= needed if needed == 1.0 else share > needed
     return Finding(
         standing=Standing.SUPPORTED if holds else Standing.REFUTED,
         margin=share - needed,
-        unit="share of seeds",
+        unit="share of draws",
         witness={
-            "share of seeds better on all four": share,
+            "share of draws better on all four": share,
             **{f"median {i} relative to {against}": float(np.median(ratios[:, n])) for n, i in enumerate(FOUR)},
-            "seed furthest off": worst + 1,
-            "its largest ratio": float(ratios[worst].max()),
+            "furthest off": worst.witness,
+            "its largest ratio": float(ratios[worst.at].max()),
         },
-        method=f"{ratios.shape[0]} seed(s) of the weights",
+        method=f"{ratios.shape[0]} draw(s) of the weights",
     )
 
 
-def _conclude(campaign: Campaign, verdicts: Sequence[Verdict]) -> list[str]:
-    data, study = campaign.data, campaign.study
+def _conclude(evidence: Evidence, verdicts: Sequence[Verdict]) -> list[str]:
     standings = {verdict.claim: verdict.standing for verdict in verdicts}
     standing = standings.get
-    ise = {str(name): float(np.median(data["ise"].sel(controller=name))) for name in data["controller"].values}
+    ise = {name: float(np.median(evidence.metric(name, "ise"))) for name in evidence.study.controllers}
     said = [
-        f"On the {study.test} test the median ISE is "
+        f"On the {'curve' if own(evidence.study).curve else 'step'} test the median ISE is "
         + ", ".join(f"{value:.4g} ({name})" for name, value in ise.items())
         + "."
     ]

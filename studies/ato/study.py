@@ -5,69 +5,63 @@ The plant is a delayed transfer function; Chu, Yu, Lin, Yuan & Jiang.
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple, cast
 
-import casadi as ca
 import numpy as np
 import xarray as xr
 
 from models.actuator import delayed
+from models.array import Array
 from models.plant import Plant, Signal
-from models.quantity import InvalidValue, choice, count, declared, given, part, quantity, switch, table
+from models.quantity import InvalidValue, declared, part, quantities, quantity, rebuilt, switch, table
 from models.raised_cosine import RaisedCosines
+from models.reference import Given, Reference
 from models.switched_delay import SwitchedDelay
 from models.transfer import Transfer
-from studies.ato.scores import indices, median_scores
-from workbench.contracts.law import Law, Task
-from workbench.contracts.record import TrialInput, TrialRecord
-from workbench.contracts.study import Folded, Progress, Scores, Study
+from studies.ato.scores import METRICS, indices, scores, share_over_draws
+from workbench.contracts.law import AnyLaw
+from workbench.contracts.record import TrialRecord
+from workbench.contracts.scenario import Undisturbed
+from workbench.contracts.study import Draw, Study, composed
 from workbench.controllers.bp_fipid import BPFIPID
 from workbench.controllers.fipid import FIPID
-from workbench.controllers.parts.immune import TOLD
-from workbench.fold.fold import Fold, build, stream
-from workbench.fold.machine_code import compiled
+from workbench.design.grid import Grid
 
 STEP_SAMPLES, CURVE_SAMPLES = 200, 2175
 KICKS = (100, 110)
+"""The paper's samples, counted from 1, at which the input of the step is disturbed."""
 BRAKING = ((1470, 1560), (1810, 2175))
 CURVE = ((0.0, 50.0, 0.0, 26.0), (294.0, 312.0, 26.0, 20.0), (362.0, 432.0, 20.0, 0.0))
-SEEDS_APART = 1000
 
 
 class Setting(NamedTuple):
-    """What every law is run on: plant with its dead time, reference, and what is added to u at each sample."""
+    """What every law is run on: plant with its dead time, reference, and what is added to u at each sample, (N,)."""
 
     plant: Plant
-    reference: Any
-    added: Any
+    reference: Reference
+    added: Array
 
 
 @declared
-class AtoStudy(Study):
-    """One run a law and seed, all laws on one plant; the laws that draw weights meet the same seeds.
+class Ato:
+    """What shapes several parts of the study at once: the train, its dead times, and the test that it is put to.
 
-    Samples are counted from 0 in the record; the paper's sample k is k - 1 there. Run i of ``seeds`` draws its
-    weights from 1000 ``seed`` + i. The controllers in ``tuned`` get the gain p1 = p2 of a grid with the least ISE.
+    Samples are counted from 0 in the record; the paper's sample k is k - 1 there.
     """
 
-    name: str = given(default="ato", doc="name, used for folders and reports")
-    title: str = given(default="Fuzzy immune PID of a train, and its tuning by a network", doc="in one line")
-    source: str = given(default="Chu, Yu, Lin, Yuan & Jiang (Tongji University)", doc="paper that it follows")
-    test: str = choice(default="step", options=("step", "curve"), doc="unit step with disturbances, or speed profile")
+    curve: bool = switch(default=False, doc="the speed curve with its switching dead time, in place of the unit step")
     plant: Transfer = part(
         default=Transfer(
             numerator=(0.5,),
             denominator=(1.0, 1.0),
             sampling_time=0.2,
             input_signal=Signal("command", "1", "traction (+) or braking (-) command"),
-            output_signal=Signal("speed", "m/s", "speed"),
+            output_signal=Signal("speed", "m/s", "speed", role="speed"),
         ),
         doc="the train without its dead time",
     )
-    controllers: Mapping[str, Any] = part(
+    controllers: Mapping[str, AnyLaw] = part(
         default={
             "fipid": FIPID(),
             "fipid-smooth": FIPID(f="smooth"),
@@ -82,187 +76,127 @@ class AtoStudy(Study):
     disturbance: float = quantity(
         default=0.1, unit="input", doc="added to u at samples 100 and 110 (step)", structural=True
     )
-    seeds: int = count(default=50, doc="random starts of the weights", least=1, most=SEEDS_APART)
-    seed: int = count(default=0, doc="seed of everything random")
     tune: bool = switch(default=True, doc="give fixed-best the best gain of the grid")
     grid: tuple[float, ...] = table(
         default=tuple(round(0.05 * i, 2) for i in range(1, 31)), unit="input/output", doc="gains p1 = p2 that are tried"
     )
-    tuned: tuple[str, ...] = given(default=("fixed-best",), doc="the controllers that are tuned, FIPIDs")
 
     def check(self) -> None:
-        """Raise InvalidValue where a delay is no multiple of the sampling time or a controller does not fit."""
-        for name in ("traction_delay", "braking_delay"):
+        """Raise InvalidValue where a delay is no multiple of the sampling time or there is nothing to tune by."""
+        for name, delay in (("traction_delay", self.traction_delay), ("braking_delay", self.braking_delay)):
             try:
-                delayed(self.plant, getattr(self, name))
+                delayed(self.plant, delay)
             except InvalidValue as error:
                 raise InvalidValue(str(error).replace("delay", name, 1)) from None
-        if not self.controllers:
-            raise InvalidValue("controllers must name at least one controller, got none")
         if self.tune and not self.grid:
             raise InvalidValue("grid must hold at least one gain, got none; or set tune=false")
-        for name, law in self.controllers.items():
-            if not isinstance(law, Law):
-                raise InvalidValue(f"controllers.{name} must be a Law, got {type(law).__name__}")
-            if name in self.tuned and not isinstance(law, FIPID):
-                raise InvalidValue(f"controllers.{name} is tuned by its gain K and must be a FIPID")
 
     @property
     def setting(self) -> Setting:
-        """The plant with its dead time, the reference (1, N + 1) and what is added to the input (1, N)."""
+        """What every law is run on."""
         late = round(self.traction_delay / self.plant.sampling_time)
-        if self.test == "step":
-            added = np.zeros((1, STEP_SAMPLES))
-            added[0, [kick - 1 for kick in KICKS]] = self.disturbance
-            return Setting(delayed(self.plant, self.traction_delay), np.ones((1, STEP_SAMPLES + 1)), added)
+        if not self.curve:
+            added = np.zeros(STEP_SAMPLES)
+            added[[kick - 1 for kick in KICKS]] = self.disturbance
+            ones = np.ones((1, STEP_SAMPLES + 1))
+            return Setting(delayed(self.plant, self.traction_delay), Given(values=ones), added)
         early = round(self.braking_delay / self.plant.sampling_time)
         schedule = [(0, late)]
         for first, last in BRAKING:  # the paper's sample k is the output of step k - 2
             schedule += [(first - 2, early), (last - 1, late)]
-        curve = RaisedCosines(horizon=CURVE_SAMPLES, moves=CURVE).samples(self.plant)
-        return Setting(SwitchedDelay(plant=self.plant, schedule=tuple(schedule)), curve, np.zeros((1, CURVE_SAMPLES)))
+        plant = SwitchedDelay(plant=self.plant, schedule=tuple(schedule))
+        return Setting(plant, RaisedCosines(horizon=CURVE_SAMPLES, moves=CURVE), np.zeros(CURVE_SAMPLES))
 
-    def folded(self) -> dict[str, Folded]:
-        """Return what every controller is folded from, by name."""
-        setting = self.setting
-        return {name: Folded(setting.plant, law, setting.added.shape[1]) for name, law in self.controllers.items()}
 
-    def simulate(self, progress: Progress) -> xr.Dataset:
-        """Run every law with every seed; see :class:`workbench.contracts.study.Study`."""
-        setting = self.setting
-        folds = {name: build(setting.plant, law, setting.added.shape[1]) for name, law in self.controllers.items()}
-        machine = machines(folds)
-        seeded = [name for name, law in self.controllers.items() if isinstance(law, BPFIPID)]
-        tuned = [name for name in self.controllers if self.tune and name in self.tuned]
-        runs = len(self.controllers) + len(seeded) * (self.seeds - 1) + len(tuned) * len(self.grid)
-        left: dict[str, list[TrialRecord]] = {}
-        grids: dict[str, list[float]] = {}
-        used: dict[str, Any] = {}
-        with progress(runs, self.name) as advance:
-            for name, law in self.controllers.items():
-                if name in tuned:
-                    ise = []
-                    for gain in self.grid:
-                        one = self.once(setting, folds[name], machine[name], dataclasses.replace(law, K=gain))
-                        ise.append(self._indices(setting, one.y[0])["ise"])
-                        advance(1)
-                    grids[name] = ise
-                    law = dataclasses.replace(law, K=self.grid[int(np.argmin(ise))])
-                used[name] = law
-                left[name] = []
-                for at in range(self.seeds if name in seeded else 1):
-                    drawn = (
-                        dataclasses.replace(law, weight_seed=SEEDS_APART * self.seed + at) if name in seeded else law
-                    )
-                    left[name].append(self.once(setting, folds[name], machine[name], drawn))
-                    advance(1)
-        return self._dataset(setting, left, grids)
+def own(study: Study) -> Ato:
+    """Return the settings of the study's own."""
+    return cast(Ato, study.own)
 
-    def once(self, setting: Setting, fold: Fold, machine: ca.Function, law: Any) -> TrialRecord:
-        """Run a law once through a compiled fold of its structure: its numbers and its memory are inputs there."""
-        n = fold.samples
-        memory = law.start(Task(ca.DM(setting.reference), self.plant.sampling_time, self.plant.input_limits))
-        if "added" in memory._fields:
-            memory = memory._replace(added=ca.DM(setting.added / law.input_unit))
-        elif np.any(setting.added):
-            raise InvalidValue(f"{type(law).__name__} has no input for the disturbance: use test=curve")
-        one = TrialInput(n, np.zeros(len(setting.plant.states)), np.zeros((0, n)), np.zeros((1, n + 1)))
-        return next(stream(fold, setting.reference, [one], trial=machine, values=fold.values_of(law), memory=memory))
 
-    def _indices(self, setting: Setting, y: Any) -> dict[str, float]:
-        kicks = KICKS if self.test == "step" else None
-        return indices(setting.reference[0, :-1], y[:-1], float(self.plant.sampling_time), kicks)
+def ise(study: Study, left: TrialRecord) -> float:
+    """Return the integral of the squared error over a trial, (m/s)^2 s."""
+    r, y = study.reference_samples[0, :-1], left.y[0, :-1]
+    return indices(r, y, float(study.plant.sampling_time))["ise"]
 
-    def _dataset(
-        self, setting: Setting, left: Mapping[str, list[TrialRecord]], grids: Mapping[str, list[float]]
-    ) -> xr.Dataset:
-        """Return the record; what a law without weights gave stands under every seed."""
-        names, n = list(left), setting.added.shape[1]
-        axes = ("controller", "seed", "sample")
-        speed = self.plant.output_signal
-        kinds = {
-            "output": (speed.unit, speed.doc),
-            "error": (speed.unit, "reference minus output"),
-            "input": (self.plant.input_signal.unit, self.plant.input_signal.doc),
-            **{signal.name: (signal.unit, signal.doc) for signal in TOLD},
+
+def compose(own: Ato, seed: int) -> dict[str, object]:
+    """Return the fields of the study that its own settings make."""
+    plant, reference, added = own.setting
+    laws = {name: _disturbed(name, law, added) for name, law in own.controllers.items()}
+    grid = Grid(
+        controllers=("fixed-best",),
+        field="K",
+        values=own.grid or (1.0,),
+        metric=ise,
+        name="ise",
+        unit="(m/s)^2 s",
+        field_doc="gain p1 = p2",
+    )
+    return {
+        "plant": plant,
+        "reference": reference,
+        "controllers": laws,
+        "tuning": grid if own.tune else None,
+        "disturbance": Undisturbed(),  # the setting of this name is what is added to the input
+    }
+
+
+def _disturbed(name: str, law: AnyLaw, added: Array) -> AnyLaw:
+    """Return a law to whose input something is added at each sample, (N,)."""
+    if not added.any():
+        return law
+    own = {field: value for field, _, value in quantities(law)}
+    if "added" not in own:
+        raise InvalidValue(
+            f"controllers.{name} must have a field added, for what disturbs its input, as FIPID has; got a "
+            f"{type(law).__name__}: set disturbance=0, or run the case curve"
+        )
+    return law if own["added"] else rebuilt(law, {"added": tuple(added.tolist())})
+
+
+def with_indices(study: Study, data: xr.Dataset) -> xr.Dataset:
+    """Return a record with what is added to the input, what the gain was made of, and the indices of every trial."""
+    command = study.plant.inputs[0]
+    more = {name: data[f"law_{name}"] for name in ("p1", "p2", "f") if f"law_{name}" in data}
+    rows = {name: np.full(data["output"].shape[:2], np.nan) for name in METRICS}
+    step, kicks = float(study.plant.sampling_time), None if own(study).curve else KICKS
+    for at in np.ndindex(*data["output"].shape[:2]):
+        y = data["output"].values[at][:-1]
+        if np.isfinite(y).all():
+            for name, value in indices(data["reference"].values[:-1], y, step, kicks).items():
+                rows[name][at] = value
+    added = np.append(own(study).setting.added, np.nan)
+    about = {"units": command.unit, "long_name": "disturbance added to the input"}
+    return data.assign(
+        more
+        | {"added": (("sample",), added, about)}
+        | {
+            name: (("controller", "trial"), row, {"units": METRICS[name], "long_name": name.replace("_", " ")})
+            for name, row in rows.items()
         }
-        rows = {kind: np.full((len(names), self.seeds, n + 1), np.nan) for kind in kinds}
-        values: dict[str, Any] = {}
-        for i, name in enumerate(names):
-            for j in range(self.seeds):
-                one = left[name][min(j, len(left[name]) - 1)]
-                rows["output"][i, j] = one.y[0]
-                rows["error"][i, j] = setting.reference[0] - one.y[0]
-                rows["input"][i, j, :-1] = one.u[0]
-                for signal, row in zip(self.controllers[name].tells, one.told, strict=True):
-                    if signal in TOLD:
-                        rows[signal.name][i, j, :-1] = row
-                for metric, value in self._indices(setting, one.y[0]).items():
-                    values.setdefault(metric, np.full((len(names), self.seeds), np.nan))[i, j] = value
-        variables: dict[str, Any] = {
-            "reference": (("sample",), setting.reference[0], {"units": speed.unit, "long_name": "reference speed"}),
-            "added": (
-                ("sample",),
-                np.append(setting.added[0], np.nan),
-                {"units": self.plant.input_signal.unit, "long_name": "disturbance added to the input"},
-            ),
-            **{k: (axes, rows[k], {"units": unit, "long_name": text}) for k, (unit, text) in kinds.items()},
-            **{
-                metric: (axes[:2], value, {"units": UNITS[metric], "long_name": metric.replace("_", " ")})
-                for metric, value in values.items()
-            },
-        }
-        coordinates: dict[str, Any] = {
-            "controller": ("controller", names, {"units": "", "long_name": "controller"}),
-            "seed": ("seed", np.arange(1, self.seeds + 1), {"units": "1", "long_name": "seed of the weights"}),
-            "sample": ("sample", np.arange(n + 1), {"units": "1", "long_name": "sample"}),
-            "time": ("sample", np.arange(n + 1) * self.plant.sampling_time, {"units": "s", "long_name": "time"}),
-        }
-        if grids:
-            variables["grid_ise"] = (
-                ("tuned", "grid"),
-                np.array(list(grids.values())),
-                {"units": "(m/s)^2 s", "long_name": "ISE against the fixed gain"},
-            )
-            coordinates["tuned"] = ("tuned", list(grids), {"units": "", "long_name": "tuned controller"})
-            coordinates["grid"] = ("grid", list(self.grid), {"units": "1", "long_name": "gain p1 = p2"})
-        return xr.Dataset(variables, coordinates)
-
-    def scores(self, data: xr.Dataset) -> Scores:
-        """Return every controller's metrics: medians over the seeds, with the 10-90 % range where they differ."""
-        seeded = [name for name, law in self.controllers.items() if isinstance(law, BPFIPID)]
-        return median_scores(data, seeded)
-
-    def figures(self, data: xr.Dataset) -> Mapping[str, Callable[[], Any]]:
-        """Return the figures by name, as functions that draw."""
-        from studies.ato.figures import ato_figures
-
-        return ato_figures(self, data)
+    )
 
 
-UNITS = {
-    "ise": "(m/s)^2 s",
-    "iae": "m",
-    "itse": "(m/s)^2 s^2",
-    "itae": "m s",
-    "rise_time": "s",
-    "settling_time": "s",
-    "peak_time": "s",
-    "overshoot_percent": "%",
-    "recovery_time": "s",
-    "max_jerk": "m/s^3",
-    "energy_index": "m/s^2",
-    "gain_max": "1",
-}
+def figures(study: Study, data: xr.Dataset) -> Mapping[str, Draw]:
+    """Return the figures of the study by name."""
+    from studies.ato.figures import ato_figures
+
+    return ato_figures(data)
 
 
-def machines(folds: Mapping[str, Fold]) -> dict[str, ca.Function]:
-    """Return every fold's trial as machine code; folds with equal equations share one."""
-    keys = {name: fold.trial.serialize() for name, fold in folds.items()}
-    different = {keys[name]: fold.trial for name, fold in folds.items()}
-    with ThreadPoolExecutor() as pool:
-        built = dict(zip(different, pool.map(compiled, different.values()), strict=True))
-    return {name: built[key] for name, key in keys.items()}
-
-
-STUDY = AtoStudy()
+STUDY = composed(
+    Ato(),
+    compose,
+    name="ato",
+    title="Fuzzy immune PID of a train, and its tuning by a network",
+    source="Chu, Yu, Lin, Yuan & Jiang (Tongji University)",
+    trials=1,
+    draws=50,
+    cases={"curve": {"curve": True}},
+    renamed={"seeds": "draws"},
+    gone={"test": "the step is the study as declared; run the case curve, or set curve=true"},
+    scorers=(scores,),
+    summary=share_over_draws,
+    derived=with_indices,
+    drawings=figures,
+)

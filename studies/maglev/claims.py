@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import cast
 
 import casadi as ca
 import numpy as np
+from matplotlib.figure import Figure as Drawn
 
+from models.array import Array
+from models.expression import as_expression
 from studies.maglev import lyapunov, period_contraction
-from studies.maglev.evidence import LAGGING, NOISY, Evidence
+from studies.maglev.evidence import Evidence, Shuttling, within_the_period
 from studies.maglev.figures import error_by_period, figures
 from studies.maglev.published import PUBLISHED_GAIN, PUBLISHED_STEP, tables
 from studies.maglev.reversal import turns
+from studies.maglev.study import LAGGING, NOISY
 from workbench.contracts.examination import Examination, Figure
 from workbench.contracts.verdict import Claim, Finding, Standing, Verdict, undecided
 from workbench.controllers.parts.shuttle_force import errors
@@ -26,7 +30,7 @@ SLACK = 0.01
 
 def examine(campaign: Campaign, *, full: bool = False) -> Examination:
     """Return the claims on a campaign of the maglev study, with tables, figures and conclusion."""
-    evidence, reference = Evidence(campaign), campaign.study.reference
+    evidence = Evidence(campaign)
     claims = [
         Claim(
             name="maglev.periodicity",
@@ -50,7 +54,7 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
             name="maglev.reversal",
             statement="The line resistance is f_res(x) sgn(v) with f_res a function of position alone.",
             source=f"{PAPER}, (7)",
-            check=partial(turns, evidence.study.train, reference.distance, reference.speed),
+            check=partial(turns, evidence.train, evidence.run.distance, evidence.run.speed),
         ),
         Claim(
             name="maglev.noise_claim",
@@ -68,7 +72,7 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
 
 
 def _of_learner(evidence: Evidence, name: str) -> list[Claim]:
-    law = evidence.study.controllers[name]
+    law = evidence.learner(name)
     claims = [
         Claim(
             name="maglev.positivity",
@@ -82,7 +86,7 @@ def _of_learner(evidence: Evidence, name: str) -> list[Claim]:
             statement=f"No harmonic of S grows by more than {100 * SLACK:g} % from one period to the next, predicted "
             "and observed, with the study's actuator.",
             source=f"ours, after {PAPER}, (13)",
-            check=partial(contraction, evidence, name, ()),
+            check=partial(contraction, evidence, name, ""),
             controller=name,
         ),
         Claim(
@@ -100,7 +104,7 @@ def _of_learner(evidence: Evidence, name: str) -> list[Claim]:
             controller=name,
         ),
     ]
-    if hasattr(law, "lead_s"):
+    if not within_the_period(evidence.study.controllers[name]):
         return claims
     return [
         *claims,
@@ -128,17 +132,16 @@ def _of_learner(evidence: Evidence, name: str) -> list[Claim]:
     ]
 
 
-def sliding(campaign: Campaign, name: str) -> Any:
+def sliding(campaign: Campaign, name: str) -> Array:
     """Return S of every whole period that a controller ran, shape (periods, N + 1), m/s."""
     data = campaign.data.sel(controller=name)
-    law = campaign.study.controllers[name]
+    lam = cast(Shuttling, campaign.study.controllers[name]).lam
+    r = as_expression(ca.DM(data["reference"].values))
     rows = []
-    for trial in range(data.sizes["trial"]):
-        one = data.isel(trial=trial)
-        r = ca.DM(np.stack([one["reference"].values, one["reference_speed"].values]))
-        y = np.stack([one["output"].values, one["output_speed"].values])
+    for y in data["output"].values:
         if np.isfinite(y).all():
-            rows.append(errors(r, ca.DM(y), law.lam).s.full()[0])
+            s = errors(r, as_expression(ca.DM(y)), as_expression(ca.DM(lam))).s
+            rows.append(ca.DM(s).full()[0])
     return np.array(rows)
 
 
@@ -150,7 +153,7 @@ def periodicity(evidence: Evidence, name: str) -> Finding:
         return undecided("fewer than two whole periods were run")
     changes = np.abs(np.diff(d, axis=0)).max(axis=1)
     limit = 0.01 * float(np.abs(d).max())
-    ends = bool(changes[-1] <= limit) and d.shape[0] == evidence.study.periods
+    ends = bool(changes[-1] <= limit) and d.shape[0] == evidence.study.trials
     at = int(np.argmax(np.abs(d[-1] - d[-2])))
     return Finding(
         standing=Standing.SUPPORTED if ends else Standing.REFUTED,
@@ -163,18 +166,18 @@ def periodicity(evidence: Evidence, name: str) -> Finding:
 
 def lyapunov_decrease(evidence: Evidence, name: str) -> Finding:
     """Measure V at the end of every period."""
-    study, law = evidence.study, evidence.study.controllers[name]
+    law = evidence.learner(name)
     data = evidence.campaign.data.sel(controller=name)
     S = sliding(evidence.campaign, name)
     d, d_hat = (data[key].values[: S.shape[0], :-1] for key in ("line_resistance", "law_line_resistance"))
-    step, mass = float(study.plant.sampling_time), float(study.plant.mass)
+    step, mass = float(evidence.train.sampling_time), float(evidence.train.mass)
     return lyapunov.measured(*lyapunov.decrease(S, d, d_hat, step, law.alpha, law.gamma, mass))
 
 
 def positivity(evidence: Evidence, name: str) -> Finding:
     """Compare the gains with zero."""
-    law = evidence.study.controllers[name]
-    gains = {"alpha": law.alpha, "lambda": law.lam, "k": law.gamma * evidence.study.plant.mass}
+    law = evidence.learner(name)
+    gains = {"alpha": law.alpha, "lambda": law.lam, "k": law.gamma * evidence.train.mass}
     least = min(gains, key=lambda gain: gains[gain])
     return Finding(
         standing=Standing.PROVED if gains[least] > 0 else Standing.REFUTED,
@@ -184,11 +187,11 @@ def positivity(evidence: Evidence, name: str) -> Finding:
     )
 
 
-def contraction(evidence: Evidence, name: str, assignments: tuple[str, ...]) -> Finding:
+def contraction(evidence: Evidence, name: str, case: str) -> Finding:
     """Predict the factor of every harmonic, and compare the largest with its growth in the run."""
-    loop, period = evidence.loop(name, assignments), evidence.study.reference.period
+    loop, period = evidence.loop(name, case), evidence.run.period
     w, factor = period_contraction.worst(period, loop)
-    S = sliding(evidence.variant(*assignments), name)[:, :-1]
+    S = sliding(evidence.variant(case=case), name)[:, :-1]
     grown = period_contraction.observed(S, period, w)
     if not np.isfinite(grown):
         return undecided("fewer than three whole periods were run: no growth to observe")
@@ -207,16 +210,18 @@ def saturation_windup(evidence: Evidence, name: str) -> Finding:
     """Limit the force below what is needed and watch the learned resistance."""
     needed = float(np.nanmax(np.abs(evidence.campaign.data["input"].sel(controller=name).values[0])))
     limit = 0.9 * needed
-    campaign = evidence.variant(f"force_limit={limit!r}", f"periods={max(25, evidence.study.periods)}")
+    campaign = evidence.variant(
+        f"actuator.lower={-limit!r}", f"actuator.upper={limit!r}", f"trials={max(25, evidence.study.trials)}"
+    )
     sizes = np.abs(campaign.data["law_line_resistance"].sel(controller=name).values[:, :-1]).max(axis=1)
     steps = np.diff(sizes)[-10:]
     scale = float(np.abs(evidence.campaign.data["line_resistance"].sel(controller=name).values).max())
     winds = not np.isfinite(steps).all() or bool((steps > 0).all() and steps.mean() > 0.01 * scale)
     return Finding(
         standing=Standing.REFUTED if winds else Standing.SUPPORTED,
-        method=f"{sizes.size} periods with force_limit = {limit:.0f} N, 90 % of the largest force of period 1; it "
-        "winds up where the largest learned resistance grows in each of the last ten periods, on average by more "
-        "than 1 % of max |d|",
+        method=f"{sizes.size} periods with the force limited to {limit:.0f} N either way, 90 % of the largest force of "
+        "period 1; it winds up where the largest learned resistance grows in each of the last ten periods, on average "
+        "by more than 1 % of max |d|",
         margin=0.01 * scale - float(steps.mean()),
         unit="N a period",
         witness={"force_limit": limit, "largest_learned": sizes[-1], "largest_true": scale, "growth": steps.mean()},
@@ -225,17 +230,17 @@ def saturation_windup(evidence: Evidence, name: str) -> Finding:
 
 def gain_as_published(evidence: Evidence) -> Finding:
     """Look at the published gain and step with the study's alpha and mass."""
-    alpha = float(evidence.study.controllers[evidence.learners[0]].alpha)
-    return period_contraction.sampled_gain(alpha, PUBLISHED_GAIN, float(evidence.study.plant.mass), PUBLISHED_STEP)
+    alpha = evidence.learner(evidence.learners[0]).alpha
+    return period_contraction.sampled_gain(alpha, PUBLISHED_GAIN, evidence.train.mass, PUBLISHED_STEP)
 
 
 def noise_claim(evidence: Evidence) -> Finding:
     """Compare PALC's last period with and without noise on the force."""
     name = evidence.learners[0]
     key = "max_position_error_last"
-    silent = evidence.study.noise.force_psd == 0
-    quiet = evidence.variant(*(() if silent else ("noise.force_psd=0",))).scores()[name][key]
-    noisy = evidence.variant(*NOISY).scores()[name][key]
+    silent = () if evidence.force_psd == 0 else ("disturbance.force_psd=0",)
+    quiet = evidence.variant(*silent).scores()[name][key]
+    noisy = evidence.variant(case=NOISY).scores()[name][key]
     if quiet is None or noisy is None:
         return undecided("a run diverged")
     return Finding(
@@ -284,14 +289,14 @@ def conclude(verdicts: Sequence[Verdict]) -> Sequence[str]:
 
 
 def _figures(evidence: Evidence) -> Mapping[str, Figure]:
-    def noisy(name: str) -> Any:
-        campaign = evidence.variant(*NOISY)
+    def noisy(name: str) -> Drawn:
+        campaign = evidence.variant(case=NOISY)
         return figures(campaign.study, campaign.data)[name]()
 
     return {
         "error_by_period_lagging": Figure(
             caption="Largest position error by period behind a lag of 0.4 s and a dead time of 0.6 s.",
-            draw=lambda: error_by_period(evidence.variant(*LAGGING).data),
+            draw=lambda: error_by_period(evidence.variant(case=LAGGING).data),
         ),
         **{
             f"{name}_noise": Figure(caption=f"{caption} under noise of 1e6 N²/Hz.", draw=partial(noisy, name))

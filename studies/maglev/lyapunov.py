@@ -7,17 +7,17 @@ from __future__ import annotations
 
 from fractions import Fraction
 from itertools import product
-from typing import Any
 
 import numpy as np
 
+from models.array import Array
 from workbench.contracts.verdict import Finding, Standing, undecided
 
 GRID = tuple(Fraction(n, 7) for n in (1, 3, 4, 10))
 """Values for every variable: one more than the largest degree (3) of the identity in any of them."""
 
 
-def rate(S: Any, phi: Any, alpha: Any, gamma: Any, mass: Any) -> Any:
+def rate(S: Fraction, phi: Fraction, alpha: Fraction, gamma: Fraction, mass: Fraction) -> Fraction:
     """Return dV/dt with phi = d - d_hat, where d is periodic and S' = -alpha S - phi/M."""
     k = gamma * mass
     before = phi - k * S  # d - d_hat(t - P)
@@ -51,7 +51,9 @@ def identity(alpha: float, gamma: float, factor: float = 0.5) -> Finding:
     )
 
 
-def decrease(S: Any, d: Any, d_hat: Any, step: float, alpha: float, gamma: float, mass: float) -> tuple[Any, Any]:
+def decrease(
+    S: Array, d: Array, d_hat: Array, step: float, alpha: float, gamma: float, mass: float
+) -> tuple[Array, Array]:
     """Return the measured change of V from each period to the next, and the predicted one; shape (periods - 1,).
 
     S has shape (periods, N + 1), d and d_hat (periods, N), in m/s and N; step is the sampling time in s.
@@ -62,7 +64,7 @@ def decrease(S: Any, d: Any, d_hat: Any, step: float, alpha: float, gamma: float
     return np.diff(V), predicted[1:]
 
 
-def measured(changes: Any, predicted: Any) -> Finding:
+def measured(changes: Array, predicted: Array) -> Finding:
     """Judge the measured changes of V, none of which may be a rise, and tell how far from the identity they are."""
     if changes.size == 0 or not np.isfinite(changes).all():
         return undecided("fewer than two whole periods were recorded")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from models.array import Array
 from workbench.contracts.verdict import Finding, Standing
 
 
@@ -24,7 +26,7 @@ class Loop(NamedTuple):
     lead: float
 
 
-def learned_to_error(w: Any, loop: Loop) -> Any:
+def learned_to_error(w: Array, loop: Loop) -> NDArray[np.complex128]:
     """Return L(jw): S over d_hat/M with the PD loop closed through lag and dead time; w in rad/s.
 
     Without them it is 1/(jw + alpha). The running resistance's slope, small beside the gains, is left out.
@@ -34,7 +36,7 @@ def learned_to_error(w: Any, loop: Loop) -> Any:
     return actuator * (s + loop.lam) / (s**2 + actuator * ((loop.alpha + loop.lam) * s + loop.alpha * loop.lam))
 
 
-def factor(w: Any, loop: Loop) -> Any:
+def factor(w: Array, loop: Loop) -> Array:
     """Return by what S is multiplied from one period to the next at w rad/s (magnitude), same shape as w.
 
     PALC learns with the S of the same instant: 1/(1 + gamma L). The filtered law learns between periods:
@@ -42,21 +44,24 @@ def factor(w: Any, loop: Loop) -> Any:
     """
     L = learned_to_error(w, loop)
     if not loop.filtered:
-        return np.abs(1 / (1 + loop.gamma * L))
+        within: Array = np.abs(1 / (1 + loop.gamma * L))
+        return within
     q = 1.0 if loop.cutoff_hz is None else low_pass_gain(w, loop.cutoff_hz, loop.step)
-    return np.abs(q * (1 - loop.gamma * L * np.exp(1j * np.asarray(w) * loop.lead)))
+    between: Array = np.abs(q * (1 - loop.gamma * L * np.exp(1j * w * loop.lead)))
+    return between
 
 
-def low_pass_gain(w: Any, cutoff_hz: float, step: float) -> Any:
+def low_pass_gain(w: Array, cutoff_hz: float, step: float) -> Array:
     """Return the gain of the forward-backward second-order Butterworth filter at w rad/s."""
-    warped = np.tan(np.asarray(w) * step / 2) / np.tan(np.pi * cutoff_hz * step)
+    warped: Array = np.tan(w * step / 2) / np.tan(np.pi * cutoff_hz * step)
     return 1 / (1 + warped**4)
 
 
-def frequencies(period: float, step: float, limit_hz: float = 5.0) -> Any:
+def frequencies(period: float, step: float, limit_hz: float = 5.0) -> Array:
     """Return the harmonics of the period in rad/s up to ``limit_hz`` or half the sampling frequency."""
     top = min(limit_hz, 0.45 / step)
-    return 2 * np.pi * np.arange(1, int(top * period) + 1) / period
+    harmonics: Array = 2 * np.pi * np.arange(1, int(top * period) + 1, dtype=np.float64) / period
+    return harmonics
 
 
 def worst(period: float, loop: Loop) -> tuple[float, float]:
@@ -67,7 +72,7 @@ def worst(period: float, loop: Loop) -> tuple[float, float]:
     return float(w[at]), float(values[at])
 
 
-def observed(S: Any, period: float, w: float, last: int = 5, half_width: int = 3) -> float:
+def observed(S: Array, period: float, w: float, last: int = 5, half_width: int = 3) -> float:
     """Return the growth a period of the change of S around w rad/s: geometric mean over the last periods.
 
     S has shape (periods, samples), the samples making up one period. Its change from period to period follows the

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
-from studies.maglev.evidence import LAGGING, NOISY, Evidence
+from studies.maglev.evidence import Evidence
+from studies.maglev.study import LAGGING, NOISY, WRONG
 from workbench.contracts.examination import Table
+from workbench.contracts.study import Scores
 
 PUBLISHED_GAIN, PUBLISHED_STEP = 2e12, 1e-5
 """k_res as published, read in N per m/s, and the step of the published simulation in s."""
@@ -15,14 +16,14 @@ PUBLISHED_GAIN, PUBLISHED_STEP = 2e12, 1e-5
 def tables(evidence: Evidence) -> Sequence[Table]:
     """Return what the paper published beside what was measured."""
     scores = evidence.campaign.scores()
-    noisy = evidence.variant(*NOISY).scores()
-    lagging = evidence.variant(*LAGGING).scores()
+    noisy = evidence.variant(case=NOISY).scores()
+    lagging = evidence.variant(case=LAGGING).scores()
 
-    def shown(table: Any, name: str, metric: str, unit: str) -> str:
+    def shown(table: Scores, name: str, metric: str, unit: str) -> str:
         value = table.get(name, {}).get(metric)
         return f"{name}: -" if value is None else f"{name}: {value:.3g} {unit}"
 
-    def all_of(table: Any, metric: str, unit: str, names: Sequence[str]) -> str:
+    def all_of(table: Scores, metric: str, unit: str, names: Sequence[str]) -> str:
         return "; ".join(shown(table, name, metric, unit) for name in names if name in table)
 
     error, names = "max_position_error_last", list(scores)
@@ -53,8 +54,8 @@ def tables(evidence: Evidence) -> Sequence[Table]:
         ),
         ("lag 0.4 s, dead time 0.6 s", "not considered", all_of(lagging, error, "m", names), "a loop gain above 1"),
     ]
-    for wrong in ("0.1", "1"):
-        table = evidence.variant(f"period_error={wrong}").scores()
+    for wrong, case in WRONG.items():
+        table = evidence.variant(case=case).scores()
         rows.append((f"period wrong by {wrong} s", "not considered", all_of(table, error, "m", evidence.learners), ""))
     header = ("quantity", "published", "measured", "why they differ")
     return [Table(title="Published and measured", header=header, rows=rows)]

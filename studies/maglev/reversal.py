@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 import numpy as np
 
+from models.maglev import Maglev
 from workbench.contracts.verdict import Finding, Standing
 
 
-def turns(train: Any, distance: float, speed: float) -> Finding:
+def turns(train: Maglev, distance: float, speed: float) -> Finding:
     """Compare the line resistance at +v and -v on every metre: opposite everywhere if it is f_res(x) sgn(v).
 
-    train has ``line_resistance(x, v)`` in N; distance in m, speed in m/s.
+    distance in m, speed in m/s.
     """
     x, v = ca.SX.sym("x"), ca.SX.sym("v")
     d = ca.Function("line_resistance", [x, v], [train.line_resistance(x, v)], ["x", "v"], ["d"])

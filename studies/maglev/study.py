@@ -1,164 +1,116 @@
 """Periodic adaptive learning control of a maglev shuttle.
 
-Zhang, Nan, Cao et al.
+Trials are periods, and the state runs on. Zhang, Nan, Cao et al.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Mapping
-from functools import cached_property
-from typing import Any
+import math
+from collections.abc import Mapping
+from typing import cast
 
 import casadi as ca
 import numpy as np
 import xarray as xr
 
-from models.actuator import Actuator, Saturated
-from models.line import FLAT
+from models.array import Array
 from models.maglev import Maglev
 from models.plant import Plant
-from models.quantity import InvalidValue, choice, count, declared, given, part, quantity
+from models.quantity import declared, quantity
 from models.station_runs import Shuttle
 from studies.maglev.scores import scores
-from workbench.contracts.study import Folded, Progress, Scores, Study
+from workbench.contracts.scenario import Disturbance
+from workbench.contracts.study import Draw, Study
 from workbench.controllers.palc import PALC
 from workbench.controllers.palc_filtered import FilteredPALC
 from workbench.controllers.shuttle_pid import ShuttlePID
-from workbench.trials.study import TrialStudy
+from workbench.trials.record import OUTPUT
 
 
 @declared
-class ForceNoise:
+class ForceNoise(Disturbance):
     """White noise on the force, held over a sample: its variance is the density over the sampling time."""
 
     force_psd: float = quantity(
         default=0.0, unit="N^2/Hz", doc="two-sided power spectral density of the disturbing force", least=0
     )
 
-    def draw(self, plant: Plant, samples: int, rng: np.random.Generator) -> Any:
+    def draw(self, plant: Plant, samples: int, rng: np.random.Generator) -> Array:
         """Return one period's disturbances, shape (disturbances, samples)."""
         sigma = np.sqrt(self.force_psd / float(plant.sampling_time))
-        return sigma * rng.normal(size=(len(plant.disturbances), samples))
-
-
-@declared
-class MaglevStudy(Study):
-    """A shuttle between two stations: trials are periods, and the state runs on from one to the next."""
-
-    name: str = given(default="maglev", doc="name, used for folders and reports")
-    title: str = given(
-        default="Periodic adaptive learning control of a maglev shuttle", doc="what the study is, in one line"
-    )
-    source: str = given(
-        default="Zhang, Nan, Cao et al., Beijing Jiaotong University: PALC of a medium/low-speed maglev train",
-        doc="paper that it follows",
-    )
-    plant: Maglev = part(default=Maglev(), doc="the train on its line")
-    line: str = choice(default="paper", options=("paper", "flat"), doc="plant.line, or one without grades and curves")
-    reference: Shuttle = part(default=Shuttle(), doc="position and speed to follow")
-    controllers: Mapping[str, Any] = part(
-        default={"pid": ShuttlePID(), "palc": PALC(), "palc-filtered": FilteredPALC()}, doc="the controllers by name"
-    )
-    periods: int = count(default=17, doc="number of periods, the first included", least=1)
-    actuator: Actuator = part(default=Actuator(), doc="what lies between command and force")
-    force_limit: float | None = quantity(
-        default=None, unit="N", doc="largest force either way; null: none", above=0, optional=True, structural=True
-    )
-    noise: ForceNoise = part(default=ForceNoise(), doc="noise on the force")
-    period_error: float = quantity(
-        default=0.0,
-        unit="s",
-        doc="by how much the period that the laws assume is too long, a multiple of the sampling time",
-        structural=True,
-    )
-    seed: int = count(default=0, doc="seed of everything random")
-
-    def check(self) -> None:
-        """Raise InvalidValue where the parts do not fit together."""
-        step, period = float(self.plant.sampling_time), self.reference.period
-        if abs(self.period_error) >= period / 2:
-            raise InvalidValue(
-                f"period_error must lie below half the period of {period:g} s, got {self.period_error:g}"
-            )
-        if abs(self.late * step - self.period_error) > 1e-9:
-            raise InvalidValue(
-                f"period_error must be a multiple of the sampling time of {step:g} s, got {self.period_error:g}"
-            )
-        _ = self.trial_study
+        drawn: Array = sigma * rng.normal(size=(len(plant.disturbances), samples))
+        return drawn
 
     @property
-    def late(self) -> int:
-        """Samples by which the period that the laws assume is too long."""
-        return round(self.period_error / float(self.plant.sampling_time))
+    def repeats(self) -> bool:
+        """Whether nothing is drawn."""
+        return self.force_psd == 0
 
-    @property
-    def train(self) -> Maglev:
-        """The train on the line chosen."""
-        return self.plant if self.line == "paper" else dataclasses.replace(self.plant, line=FLAT)
-
-    @cached_property
-    def trial_study(self) -> TrialStudy:
-        """The same study as plant x reference x controllers, a trial being a period."""
-        plant = self.actuator.wrapped(self.train)
-        if self.force_limit is not None:
-            plant = Saturated(plant=plant, lower=-self.force_limit, upper=self.force_limit)
-        return TrialStudy(
-            name=self.name,
-            title=self.title,
-            source=self.source,
-            plant=plant,
-            reference=self.reference,
-            controllers={name: self.told(law) for name, law in self.controllers.items()},
-            trials=self.periods,
-            continues=True,
-            disturbance=self.noise,
-            seed=self.seed,
-        )
-
-    def told(self, law: Any) -> Any:
-        """Return the law with what it knows of this study: the train and the error of its period."""
-        known = {"model": self.train, "late": self.late}
-        fields = {field.name for field in dataclasses.fields(law)}
-        return dataclasses.replace(law, **{name: value for name, value in known.items() if name in fields})
-
-    def folded(self) -> dict[str, Folded]:
-        """Return what every controller is folded from, by name."""
-        return self.trial_study.folded()
-
-    def simulate(self, progress: Progress) -> xr.Dataset:
-        """Run every controller, as a study does. The true line resistance stands beside."""
-        data = self.trial_study.simulate(progress)
-        true = _along(self.train, data["output"].values, data["output_speed"].values)
-        about = {"units": "N", "long_name": "true line resistance"}
-        return data.assign(line_resistance=(data["output"].dims, true, about))
-
-    def scores(self, data: xr.Dataset) -> Scores:
-        """Return the metrics of every controller; see :func:`studies.maglev.scores.scores`."""
-        return scores(self, data)
-
-    def figures(self, data: xr.Dataset) -> Mapping[str, Callable[[], Any]]:
-        """Return the figures by name, as functions that draw."""
-        from studies.maglev.figures import figures
-
-        return figures(self, data)
+    def bound(self, plant: Plant) -> Array:
+        """Return infinite bounds where something is drawn."""
+        widest = 0.0 if self.repeats else math.inf
+        return np.tile([-widest, widest], (len(plant.disturbances), 1))
 
 
-def _along(train: Maglev, position: Any, speed: Any) -> Any:
+def with_line_resistance(study: Study, data: xr.Dataset) -> xr.Dataset:
+    """Return a record with the true line resistance along every period, (controller, trial, sample) in N."""
+    position, speed = (data["output"].sel({OUTPUT: name}) for name in ("position", "speed"))
+    true = _along(cast(Maglev, study.true_plant), position.values, speed.values)
+    about = {"units": "N", "long_name": "true line resistance"}
+    return data.assign(line_resistance=(position.dims, true, about))
+
+
+def _along(train: Maglev, position: Array, speed: Array) -> Array:
     """Return the true line resistance in N along recorded positions (m) and speeds (m/s), same shape."""
     x, v = ca.SX.sym("x"), ca.SX.sym("v")
     one = ca.Function("line_resistance", [x, v], [train.line_resistance(x, v)], ["x", "v"], ["d"])
-    buffer: Any
-    trigger: Any
-    buffer, trigger = one.map(position.shape[-1]).buffer()
-    true: Any = np.empty(position.shape)
+    every = one.map(position.shape[-1])
+    true: Array = np.empty(position.shape)
     for at in np.ndindex(position.shape[:-1]):
-        rows: Any = np.ascontiguousarray(position[at]), np.ascontiguousarray(speed[at])
-        buffer.set_arg(0, memoryview(rows[0]))
-        buffer.set_arg(1, memoryview(rows[1]))
-        buffer.set_res(0, memoryview(true[at]))
-        trigger()
+        true[at] = every(x=position[at][None, :], v=speed[at][None, :])["d"].full()[0]
     return true
 
 
-STUDY = MaglevStudy()
+def figures(study: Study, data: xr.Dataset) -> Mapping[str, Draw]:
+    """Return the figures of the study by name."""
+    from studies.maglev.figures import figures
+
+    return figures(study, data)
+
+
+LAGGING, NOISY, WRONG = "lagging", "noisy", {"0.1": "period-100-ms-too-long", "1": "period-1-s-too-long"}
+"""Names of cases; those of a wrong period the seconds that it is too long."""
+
+
+def _late(samples: int) -> dict[str, object]:
+    return {"controllers.palc.late": samples, "controllers.palc-filtered.late": samples}
+
+
+STUDY = Study(
+    name="maglev",
+    title="Periodic adaptive learning control of a maglev shuttle",
+    source="Zhang, Nan, Cao et al., Beijing Jiaotong University: PALC of a medium/low-speed maglev train",
+    plant=Maglev(),
+    reference=Shuttle(),
+    controllers={"pid": ShuttlePID(), "palc": PALC(), "palc-filtered": FilteredPALC()},
+    trials=17,
+    disturbance=ForceNoise(),
+    continues=True,
+    scorers=(scores,),
+    derived=with_line_resistance,
+    drawings=figures,
+    cases={
+        LAGGING: {"actuator.lag": 0.4, "actuator.delay": 0.6},
+        NOISY: {"disturbance.force_psd": 1e6},
+        "flat": {"plant.line": "flat"},
+        "limited": {"actuator.lower": -95_000.0, "actuator.upper": 95_000.0, "trials": 25},
+        WRONG["0.1"]: _late(10),
+        WRONG["1"]: _late(100),
+        "period-100-ms-too-short": _late(-10),
+    },
+    renamed={"periods": "trials", "line": "plant.line", "noise.force_psd": "disturbance.force_psd"},
+    gone={
+        "force_limit": "set actuator.lower and actuator.upper, in N; both take null for none",
+        "period_error": "set controllers.palc.late and controllers.palc-filtered.late, in samples",
+    },
+)

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 import xarray as xr
 from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 
+from workbench.contracts.study import Draw, Study
 from workbench.trials import figures as plots
 
 
-def metro_figures(study: Any, data: xr.Dataset, resistance: xr.DataArray) -> Mapping[str, Callable[[], Any]]:
+def metro_figures(study: Study, data: xr.Dataset, resistance: xr.DataArray) -> Mapping[str, Draw]:
     """Return the figures of every study made of trials, and the slope resistance beside them.
 
     ``resistance`` has dims (run, sample): the slope resistance per unit mass that each of some runs met.
     """
-    figures = dict(plots.trial_figures(study, data))
-    return {**figures, "resistance": partial(slope_resistance, resistance)}
+    return {**plots.trial_figures(study, data), "resistance": partial(slope_resistance, resistance)}
 
 
-def slope_resistance(resistance: xr.DataArray) -> Any:
+def slope_resistance(resistance: xr.DataArray) -> Figure:
     """Draw the slope resistance per unit mass over samples, one curve a run."""
     with plt.rc_context(plots.STYLE):
         figure, axes = plt.subplots()

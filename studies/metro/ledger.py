@@ -5,12 +5,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from models.point_mass import READINGS
-from workbench.trials import settings
+from models.quantity import rebuilt
+from workbench.contracts import settings
+from workbench.contracts.study import Study
+from workbench.trials.simulation import mse_by_trial
 
 UNITS = {"icfdl": (1.0, 10.0, 100.0, 1000.0, 10_000.0), "pd": (1.0, 10.0)}
 
@@ -32,14 +34,14 @@ class Entry(NamedTuple):
     """Trials that ran."""
 
 
-def ledger(study: Any, readings: Sequence[str] = tuple(READINGS)) -> list[Entry]:
+def ledger(study: Study, readings: Sequence[str] = tuple(READINGS)) -> list[Entry]:
     """Run icfdl and pd of a metro study under every reading of the units, in every force unit."""
     entries = []
     for reading in readings:
         read = settings.changed(study, {"plant": {"reading": reading}})
         for name, units in UNITS.items():
-            laws = [dataclasses.replace(read.controllers[name], force_unit=unit) for unit in units]
-            for unit, (mse, reason) in zip(units, read.mse_by_trial(name, laws), strict=True):
+            laws = [rebuilt(read.controllers[name], {"force_unit": unit}) for unit in units]
+            for unit, (mse, reason) in zip(units, mse_by_trial(read, name, laws), strict=True):
                 last, largest = (None, None) if reason else (mse[-1], max(mse))
                 entries.append(Entry(reading, unit, name, mse[0], last, largest, len(mse)))
     return entries

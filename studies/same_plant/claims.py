@@ -1,28 +1,32 @@
-"""The claims of a comparison: what each law's proof assumes, checked on the one plant that all laws ran on."""
+"""The claims of a comparison: what each law's proof assumes, checked on the one plant that all laws ran on.
+
+Which claims are made of a law follows from what it declares: that it learns with a model, from the error's slope,
+that it is a PID, that it solves problems.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
+import xarray as xr
 
+from models.actuator import Actuator
+from models.plant import Plant
+from models.quantity import symbolised
 from studies.ato.claims import f_continuous
 from verification.checks.linear_loop import incremental_pid, observed, positional_pid, spectral_radius
 from verification.decide.verify import judge
 from verification.theorems import learning
 from workbench.contracts.examination import Examination, Table
+from workbench.contracts.law import AnyLaw, PIDAction, SlopeLearning
+from workbench.contracts.study import Study
 from workbench.contracts.verdict import Claim, Finding, Standing, Verdict, undecided
-from workbench.controllers.bp_fipid import BPFIPID
-from workbench.controllers.fipid import FIPID
-from workbench.controllers.odometry import Odometry
-from workbench.controllers.palc import PALC
-from workbench.controllers.pid import PID
-from workbench.controllers.tracking_mpc import TrackingMPC
-from workbench.controllers.variable_gain import VariableGain
-from workbench.design.table import table
+from workbench.controllers.parts.scales import at_output
+from workbench.design.search import Search
+from workbench.design.table import settled, table
 from workbench.design.tuning import PROCEDURE
 from workbench.trials.campaign import Campaign
 
@@ -39,13 +43,11 @@ REPAIRED = ("increment_monotone", "increment_weighted")
 
 def examine(campaign: Campaign, *, full: bool = False) -> Examination:
     """Return the claims on every law of a comparison."""
-    study, data = campaign.study, campaign.data
-    laws = study.tuned_laws(data)
-    ran = Campaign(study.study(laws, true=True, seed=study.seed), data)
+    ran = settled(campaign)
     files = [d for d in learning.dossiers(ran) if len(d.plant.outputs) == 1]
     claims = [claim for d in files for claim in learning.claims_of(d)]
-    for name, law in laws.items():
-        claims += _acting(ran, name, law)
+    for name, law in ran.study.controllers.items():
+        claims += _acting(ran, name, law if law.stepped else ran.study.law(name))
     claims = [dataclasses.replace(claim, check=cache(claim.check)) for claim in claims]
     return Examination(
         claims=claims,
@@ -55,38 +57,39 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
     )
 
 
-def _acting(ran: Campaign, name: str, law: Any) -> list[Claim]:
+def _acting(ran: Campaign, name: str, law: AnyLaw) -> list[Claim]:
     """Return the claims on what a law does within a trial."""
     claims = [
         Claim(
             name="same-plant.unsaturated",
             statement="the command of the last trial is never cut by limits: the plant is as smooth as proofs need it",
             source="ours",
-            check=partial(_unsaturated, ran.data, name),
+            check=partial(_unsaturated, ran, name),
             controller=name,
         )
     ]
-    if isinstance(law, Odometry) and isinstance(law.law, PALC):
+    if "model" in law.told and law.learns_on is not None:
         claims.append(
             Claim(
                 name="same-plant.known_model",
-                statement="the law knows the train's mass",
-                source=f"{law.law.source}: feed-forward and compensation use M",
-                check=partial(_known_model, ran, law),
+                statement="the law knows the plant: all quantities of the plant that runs are those that it was told",
+                source=f"{law.origin}: feed-forward and compensation use the model",
+                check=partial(_known_model, ran.study),
                 controller=name,
             )
         )
-    if isinstance(law, Odometry) and isinstance(law.law, VariableGain):
+    if law.slope_learning is not None:
         claims.append(
             Claim(
                 name="same-plant.contraction",
-                statement="|1 - lambda b| < 1 for every lambda in [lam_min, 1], b what a unit of input does to dv/dt",
-                source=f"{law.law.source}, convergence condition of D-type learning",
-                check=partial(_contraction, ran, law),
+                statement="|1 - lambda b| < 1 for every gain lambda that learning may use, b what a unit of input does "
+                "to the output's slope",
+                source=f"{law.origin}, convergence condition of D-type learning",
+                check=partial(_contraction, ran.study, law.slope_learning),
                 controller=name,
             )
         )
-    if isinstance(law, TrackingMPC):
+    if law.solves_per_sample and any(signal.name == "residual" for signal in law.tells):
         claims.append(
             Claim(
                 name="same-plant.qp_solved",
@@ -96,51 +99,59 @@ def _acting(ran: Campaign, name: str, law: Any) -> list[Claim]:
                 controller=name,
             )
         )
-    if isinstance(law, (FIPID, BPFIPID)):
+    return claims + _of_pid(ran, name, law.pid)
+
+
+def _of_pid(ran: Campaign, name: str, pid: PIDAction | None) -> list[Claim]:
+    """Return the claims on a law that is a PID."""
+    if pid is None:
+        return []
+    claims = []
+    if pid.stimulus is not None:
         claims.append(
             Claim(
                 name="same-plant.f_continuous",
                 statement="the stimulus f(u, du) is continuous",
                 source="Chu, Yu, Lin, Yuan & Jiang, fuzzy rules with the mean of maxima; smooth form: ours",
-                check=partial(f_continuous, law.f),
+                check=partial(f_continuous, pid.stimulus),
                 controller=name,
             )
         )
-    if isinstance(law, (FIPID, BPFIPID, PID)):
-        claims.append(
-            Claim(
-                name="same-plant.stable_loop",
-                statement="the loop linearised along the reference is stable, at the least and the largest gain seen",
-                source="ours: constant gains, by python-control",
-                check=partial(_stable_loop, ran, name, law),
-                controller=name,
-            )
+    claims.append(
+        Claim(
+            name="same-plant.stable_loop",
+            statement="the loop linearised along the reference is stable, at the least and the largest gain seen",
+            source="ours: constant gains, by python-control",
+            check=partial(_stable_loop, ran, name, pid),
+            controller=name,
         )
+    )
     return claims
 
 
-def _unsaturated(data: Any, name: str) -> Finding:
-    applied = [str(variable) for variable in data if str(variable).startswith("applied_")]
-    if not applied:
+def _unsaturated(ran: Campaign, name: str) -> Finding:
+    if type(ran.study.plant_that_runs).applied is Plant.applied:
         return Finding(standing=Standing.PROVED, method="the plant has no actuator")
-    one = data.sel(controller=name).isel(trial=-1)
-    command, acted = one["input"].values[:-1], one[applied[0]].values[:-1]
+    one = ran.data.sel(controller=name).isel(trial=-1)
+    command, acted = one["input"].values[..., :-1], one["applied"].values[..., :-1]
     if not np.isfinite(command).any():
         return undecided("the law diverged before its last trial")
-    unit = data["input"].attrs["units"]
+    unit = ran.data["input"].attrs["units"]
     cut = np.abs(command - acted)
-    worst = int(np.nanargmax(cut))
+    worst = np.unravel_index(int(np.nanargmax(cut)), cut.shape)
     scale = float(np.nanmax(np.abs(command)))
     if cut[worst] <= 1e-9 * scale:
         return Finding(
             standing=Standing.SUPPORTED, margin=0.0, unit=unit, method="command and applied input, last trial"
         )
+    which = {"input": ran.study.plant.inputs[int(worst[0])].name} if len(worst) > 1 else {}
     return Finding(
         standing=Standing.REFUTED,
         margin=-float(cut[worst]),
         unit=unit,
         witness={
-            "sample": worst,
+            **which,
+            "sample": int(worst[-1]),
             "command": float(command[worst]),
             "applied": float(acted[worst]),
             "share of samples cut": float(np.mean(cut > 1e-9 * scale)),
@@ -149,31 +160,37 @@ def _unsaturated(data: Any, name: str) -> Finding:
     )
 
 
-def _inner(plant: Any) -> Any:
-    """Return the plant behind its actuators."""
-    while hasattr(plant, "plant"):
-        plant = plant.plant
-    return plant
-
-
-def _known_model(ran: Campaign, law: Any) -> Finding:
-    believed, true = float(law.law.model.mass), float(_inner(ran.study.plant).mass)
-    off = abs(believed - true) / true
+def _known_model(study: Study) -> Finding:
+    told = dict(zip(*symbolised(study.plant)[1::2], strict=True))
+    off: dict[str, float] = {}
+    true: dict[str, float] = {}
+    for name, departure in study.scenario.truth.items():
+        low, high = (told[name] * factor for factor in departure.range)
+        for value in (low, high):
+            share = abs(told[name] - value) / abs(value) if value else np.inf
+            if value != told[name] and share > off.get(name, 0.0):
+                off[name], true[name] = share, value
+    if not off:
+        return Finding(
+            standing=Standing.PROVED, margin=0.0, unit="%", method="the settings of the plant, believed and true"
+        )
+    worst = max(off, key=lambda name: off[name])
     return Finding(
-        standing=Standing.PROVED if off == 0 else Standing.REFUTED,
-        margin=-100 * off,
+        standing=Standing.REFUTED,
+        margin=-100 * off[worst],
         unit="%",
-        witness={"mass that the law knows": believed, "mass of the train": true},
-        method="the settings of law and plant",
+        witness={f"{worst} that the law knows": told[worst], f"{worst} of the plant": true[worst]},
+        method="the settings of the plant, believed and true",
     )
 
 
-def _contraction(ran: Campaign, law: Any) -> Finding:
-    plant = _inner(ran.study.plant)
-    rest = [0.0] * len(plant.states)
-    slope = float(plant.derivative("u", of="y_next")(rest, 0.0, [0.0] * len(plant.disturbances), 0))
-    b = slope * law.input_unit / (law.speed_unit * float(plant.sampling_time))
-    factors = {gain: abs(1 - gain * b) for gain in (law.law.lam_min, 1.0)}
+def _contraction(study: Study, learning: SlopeLearning) -> Finding:
+    inner = dataclasses.replace(study, actuator=Actuator(), compose=None).plant_that_runs
+    effect = inner.first_effect(limit=min(200, study.horizon))
+    if effect is None:
+        return undecided("the input reaches no output")
+    b = effect.slope_at_rest * learning.unit / float(study.plant.sampling_time)
+    factors = {gain: abs(1 - gain * b) for gain in (learning.low, learning.high)}
     worst = max(factors, key=lambda gain: factors[gain])
     return Finding(
         standing=Standing.SUPPORTED if factors[worst] < 1 else Standing.REFUTED,
@@ -184,7 +201,7 @@ def _contraction(ran: Campaign, law: Any) -> Finding:
     )
 
 
-def _solved(data: Any, name: str) -> Finding:
+def _solved(data: xr.Dataset, name: str) -> Finding:
     residual = data["law_residual"].sel(controller=name).values
     trial, k = (int(i) for i in np.unravel_index(int(np.nanargmax(residual)), residual.shape))
     largest = float(residual[trial, k])
@@ -197,33 +214,37 @@ def _solved(data: Any, name: str) -> Finding:
     )
 
 
-def _stable_loop(ran: Campaign, name: str, law: Any) -> Finding:
-    plant, ts = ran.study.plant, float(ran.study.plant.sampling_time)
-    if isinstance(law, PID):
-        laws = {"gains": law.input_unit * positional_pid(law.kp, law.ki, law.kd, ts)}
+def _stable_loop(ran: Campaign, name: str, pid: PIDAction) -> Finding:
+    plant, ts = ran.study.plant_that_runs, float(ran.study.plant.sampling_time)
+    if pid.form == "positional":
+        action = positional_pid(pid.kp, pid.ki, pid.kd, ts)
     else:
+        action = incremental_pid(pid.ki, pid.kd, ts)
+    laws = {"gains": pid.unit * action}
+    if pid.gain is not None:
         one = ran.data.sel(controller=name)
-        gain = (one["law_p1"] - one["law_p2"] * one["law_f"]).values
-        scale = law.input_unit / law.output_unit
-        laws = {
-            f"p1 - p2 f = {value:.4g}": value * scale * incremental_pid(law.ki, law.kd, ts)
-            for value in (float(np.nanmin(gain)), float(np.nanmax(gain)))
-        }
-    worst: tuple[float, dict[str, Any]] = (0.0, {})
-    states = [signal.name for signal in plant.states]
+        told = ran.study.controllers[name].tells
+        gain = pid.gain({signal.name: one[f"law_{signal.name}"].values for signal in told})
+        ends = float(np.nanmin(gain)), float(np.nanmax(gain))
+        laws = {f"gain = {value:.4g}": value * pid.unit * action for value in ends}
+    radii: dict[tuple[str, int], float] = {}
+    outputs: dict[int, float] = {}
     for k in np.linspace(0, ran.study.horizon - 1, POINTS).astype(int):
-        x = [0.0] * len(states)
-        x[states.index(plant.outputs[0].name)] = float(ran.study.reference_samples[0, k])
+        x = [0.0] * len(plant.states)
+        level = float(ran.study.reference_samples[0, k])
+        own = at_output(ran.study.plant, level)
+        x[: len(own)] = own.tolist()
+        outputs[int(k)] = level
         linear = observed(plant.linearised(x, [0.0], k=int(k)))
         for which, controller in laws.items():
-            radius = spectral_radius(linear * controller)
-            if radius > worst[0]:
-                worst = radius, {"at": which, "sample": int(k), "output": x[0], "largest pole": radius}
+            radii[which, int(k)] = spectral_radius(linear * controller)
+    which, k = max(radii, key=lambda at: radii[at])
+    worst = radii[which, k]
     return Finding(
-        standing=Standing.SUPPORTED if worst[0] < 1 else Standing.REFUTED,
-        margin=1 - worst[0],
+        standing=Standing.SUPPORTED if worst < 1 else Standing.REFUTED,
+        margin=1 - worst,
         unit="1",
-        witness=worst[1],
+        witness={"at": which, "sample": k, "output": outputs[k], "largest pole": worst},
         method=f"poles at {POINTS} points along the reference, the actuator inside its limits",
     )
 
@@ -262,13 +283,11 @@ def _tables(campaign: Campaign, claims: Sequence[Claim]) -> list[Table]:
         last = metrics["mse_last"]
         found = _standing(claims, name)
         proofs.append((name, "-" if last is None else f"{last:.4g}", whose_proof(found) if found else "does not suit"))
-    found_settings = campaign.data["tuned"]
-    tuned = [
-        (str(name), str(found_settings.sel(controller=name).values)) for name in campaign.data["controller"].values
-    ]
+    settings = campaign.data["tuned"]
+    tuned = [(name, str(settings.sel(controller=name).values)) for name in map(str, settings["controller"].values)]
     return [
         Table(title="Every law on the same plant", header=rows[0], rows=rows[1:]),
-        Table(title="Who wins, and whose proof applies", header=("law", "final MSE", "proof"), rows=proofs),
+        Table(title="Who wins, and whose proof applies", header=("law", rows[0][2], "proof"), rows=proofs),
         Table(title="Settings that tuning found", header=("law", "settings"), rows=tuned),
     ]
 
@@ -277,12 +296,16 @@ def _conclude(campaign: Campaign, verdicts: Sequence[Verdict]) -> list[str]:
     study = campaign.study
     scores = {name: row["mse_last"] for name, row in campaign.scores().items() if row["mse_last"] is not None}
     order = sorted(scores, key=lambda name: scores[name] or 0.0)
+    assert isinstance(study.tuning, Search)
     said = [
-        f"{PROCEDURE} The budget was {study.budget} evaluations a law, on the nominal plant; the run has a mass "
-        f"that is {study.mass_off_percent:g} % off, and other noise.",
-        f"The least final MSE is that of {order[0]} ({scores[order[0]]:.4g}), the largest that of {order[-1]} "
-        f"({scores[order[-1]]:.4g}).",
+        f"{PROCEDURE} The budget was {study.tuning.budget} evaluations a law, on the nominal plant; the run has "
+        f"{_departed(study)}."
     ]
+    if order:
+        said.append(
+            f"The least final MSE is that of {order[0]} ({scores[order[0]]:.4g}), the largest that of {order[-1]} "
+            f"({scores[order[-1]]:.4g})."
+        )
     standings = {
         name: {v.claim.split(".", 1)[1]: v.standing for v in verdicts if v.controller == name} for name in order
     }
@@ -293,3 +316,13 @@ def _conclude(campaign: Campaign, verdicts: Sequence[Verdict]) -> list[str]:
         else "No law's convergence proof applies on this plant: limits make it non-smooth, or printed assumptions fail."
     )
     return said
+
+
+def _departed(study: Study) -> str:
+    """Return in words how the plant that ran differs from the believed one."""
+    off = []
+    for name, departure in study.scenario.truth.items():
+        low, high = (100 * (factor - 1) for factor in departure.range)
+        if low or high:
+            off.append(f"a {name} that is {f'{low:.4g} %' if low == high else f'{low:.4g} to {high:.4g} %'} off")
+    return f"{', '.join(off) or 'no quantity off'}, and other random parts"

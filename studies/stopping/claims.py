@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from studies.stopping import outcomes as stopping_outcomes
 from studies.stopping.design import CONFIGS, Control
 from studies.stopping.outcomes import LIMIT_CM, within_window
 from studies.stopping.published import published
-from studies.stopping.study import Stopping
+from studies.stopping.scores import scores as scores_of
+from studies.stopping.settings import Stopping, own
 from verification.checks import predictive as predictive_checks
 from verification.checks import tube as tube_checks
+from verification.checks.feasibility import Deciding
 from workbench.contracts.examination import Examination
+from workbench.contracts.study import Scores, Study
 from workbench.contracts.verdict import Claim, Finding, Standing, Verdict, undecided
-from workbench.controllers.rmpc import RMPC
-from workbench.controllers.rsmpc import RSMPC
+from workbench.predictive import Tube
 from workbench.trials.campaign import Campaign
 
 PAPER = "Liu, Xun, Gao & Yin 2022"
@@ -43,8 +45,8 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
 
     The long checks look at its shortest and longest horizon, with ``full`` at every horizon and both configurations.
     """
-    study, data = campaign.study, campaign.data
-    horizons = study.lengths if full else tuple(dict.fromkeys((min(study.lengths), max(study.lengths))))
+    study, data, lengths = campaign.study, campaign.data, own(campaign.study).lengths
+    horizons = lengths if full else tuple(dict.fromkeys((min(lengths), max(lengths))))
     claims = [
         *_design(study, horizons),
         *_costs(study, horizons),
@@ -58,8 +60,8 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
     )
 
 
-def _design(study: Stopping, horizons: Sequence[int]) -> list[Claim]:
-    tube = partial(getattr, study, "design")
+def _design(study: Study, horizons: Sequence[int]) -> list[Claim]:
+    settings = own(study)
     checks = [
         ("schur", "A + b K is Schur", "(15), repaired: the paper prints Hurwitz", tube_checks.schur),
         (
@@ -83,7 +85,7 @@ def _design(study: Stopping, horizons: Sequence[int]) -> list[Claim]:
             name=f"stopping.{name}",
             statement=statement,
             source=f"{PAPER}, {source}",
-            check=partial(_on_tube, tube, check),
+            check=partial(_on_tube, settings, check),
         )
         for name, statement, source, check in checks
     ]
@@ -92,10 +94,10 @@ def _design(study: Stopping, horizons: Sequence[int]) -> list[Claim]:
             name="stopping.horizon27",
             statement=f"R_(M+N)^M lies inside Sigma for every hold M = 1 ... {N - 1}",
             source=f"{PAPER}, (27)",
-            check=partial(_on_tube, tube, partial(tube_checks.horizon27, N=N)),
+            check=partial(_on_tube, settings, partial(tube_checks.horizon27, N=N)),
             controller=f"rsmpc-n{N}",
         )
-        for N in study.lengths
+        for N in own(study).lengths
     ]
     longest = max(horizons)
     holds = tuple(sorted({1, 2, longest - 1} & set(range(1, longest))))
@@ -106,7 +108,7 @@ def _design(study: Stopping, horizons: Sequence[int]) -> list[Claim]:
             source=f"{PAPER}, (14), (26), repaired: A^l W and the prediction error over the dead time",
             check=partial(
                 _on_tube,
-                tube,
+                settings,
                 partial(tube_checks.tightening_sound, stages=longest, holds=holds, seed=study.seed),
             ),
         )
@@ -114,48 +116,42 @@ def _design(study: Stopping, horizons: Sequence[int]) -> list[Claim]:
     return claims
 
 
-def _on_tube(tube: Any, check: Any) -> Finding:
-    finding: Finding = check(tube())
-    return finding
+def _on_tube(settings: Stopping, check: Callable[[Tube], Finding]) -> Finding:
+    return check(settings.design)
 
 
-def _on_law(study: Stopping, name: str, check: Any) -> Finding:
-    finding: Finding = check(study.controllers[name])
-    return finding
-
-
-def _costs(study: Stopping, horizons: Sequence[int]) -> list[Claim]:
+def _costs(study: Study, horizons: Sequence[int]) -> list[Claim]:
     claims = []
     for N in horizons:
-        short, long = f"rmpc-n{N}", f"rsmpc-n{N}"
-        rows = [
+        short, long = own(study).rmpc(N), own(study).rsmpc(N)
+        rows: list[tuple[str, str, str, str, Callable[[], Finding]]] = [
             (
                 "nominal_decrease",
                 "without disturbance J falls by at least the stage cost at each sample",
                 "(18), repaired: only without disturbance",
-                short,
-                partial(predictive_checks.nominal_decrease, seed=study.seed),
+                f"rmpc-n{N}",
+                partial(predictive_checks.nominal_decrease, short, seed=study.seed),
             ),
             (
                 "nominal_decrease.printed",
                 "J falls by at least the stage cost at each sample, under any disturbance of W",
                 "(18), (21)",
-                short,
-                predictive_checks.disturbed_decrease,
+                f"rmpc-n{N}",
+                partial(predictive_checks.disturbed_decrease, short),
             ),
             (
                 "suboptimality32",
                 "without disturbance the cost of the whole run stays below beta J(t0)",
                 "(32), repaired: only without disturbance, J being J^1",
-                long,
-                partial(predictive_checks.suboptimality, seed=study.seed),
+                f"rsmpc-n{N}",
+                partial(predictive_checks.suboptimality, long, seed=study.seed),
             ),
             (
                 "suboptimality32.printed",
                 "the cost of the whole run stays below beta J(t0), under any disturbance of W",
                 "(30)-(32)",
-                long,
-                predictive_checks.disturbed_suboptimality,
+                f"rsmpc-n{N}",
+                partial(predictive_checks.disturbed_suboptimality, long),
             ),
         ]
         claims += [
@@ -163,7 +159,7 @@ def _costs(study: Stopping, horizons: Sequence[int]) -> list[Claim]:
                 name=f"stopping.{name}",
                 statement=statement,
                 source=f"{PAPER}, {source}",
-                check=partial(_on_law, study, controller, check),
+                check=check,
                 controller=controller,
             )
             for name, statement, source, controller, check in rows
@@ -171,7 +167,7 @@ def _costs(study: Stopping, horizons: Sequence[int]) -> list[Claim]:
     return claims
 
 
-def _feasibility(study: Stopping, horizons: Sequence[int], full: bool) -> list[Claim]:
+def _feasibility(study: Study, horizons: Sequence[int], full: bool) -> list[Claim]:
     statement = "once feasible, always feasible and within the bounds, whatever disturbance of W acts"
     runs = RUNS_FULL if full else RUNS
     claims = []
@@ -182,17 +178,17 @@ def _feasibility(study: Stopping, horizons: Sequence[int], full: bool) -> list[C
                     name="stopping.recursive_feasibility",
                     statement=statement,
                     source=f"{PAPER}, (14)-(18), (26)-(29), with the repaired sets",
-                    check=partial(_feasible, study, None, kind, N, runs),
+                    check=partial(_feasible, study, own(study), kind, N, runs),
                     controller=f"{kind}-n{N}",
                 )
             )
-            others = {name: config for name, config in CONFIGS.items() if full and config != study.config}
+            others = {name: config for name, config in CONFIGS.items() if full and config != own(study).config}
             claims += [
                 Claim(
                     name=f"stopping.recursive_feasibility.config_{name}",
                     statement=f"{statement}, in configuration {name}",
                     source=f"{PAPER}, (14)-(18), (26)-(29), with the repaired sets",
-                    check=partial(_feasible, study, {"config": config}, kind, N, runs),
+                    check=partial(_feasible, study, dataclasses.replace(own(study), config=config), kind, N, runs),
                     controller=f"{kind}-n{N}",
                 )
                 for name, config in others.items()
@@ -202,7 +198,9 @@ def _feasibility(study: Stopping, horizons: Sequence[int], full: bool) -> list[C
             name=f"stopping.recursive_feasibility.{name}",
             statement=f"negative control: {statement}, with {wrong}",
             source="ours: it must be refuted, which shows that the check can fail",
-            check=partial(_feasible, study, {"tube": control}, "rmpc", CONTROL_HORIZON, RUNS),
+            check=partial(
+                _feasible, study, dataclasses.replace(own(study), tube=control), "rmpc", CONTROL_HORIZON, RUNS
+            ),
             controller=f"rmpc-n{CONTROL_HORIZON}",
         )
         for name, (control, wrong) in CONTROLS.items()
@@ -210,18 +208,15 @@ def _feasibility(study: Stopping, horizons: Sequence[int], full: bool) -> list[C
     return claims
 
 
-def _feasible(study: Stopping, change: Mapping[str, Any] | None, kind: str, N: int, runs: int) -> Finding:
-    chosen = dataclasses.replace(study, **(change or {}))
+def _feasible(study: Study, chosen: Stopping, kind: str, N: int, runs: int) -> Finding:
     true = chosen.tube_for(control=Control())
-    law: RMPC | RSMPC = (
-        RMPC(tube=chosen.design, N=N) if kind == "rmpc" else RSMPC(tube=chosen.design, N=N, beta=chosen.beta)
-    )
+    law: Deciding = chosen.rmpc(N) if kind == "rmpc" else chosen.rsmpc(N)
     return predictive_checks.recursive_feasibility(law, true.plant, true.bounds, runs=runs, seed=study.seed)
 
 
-def _runs(study: Stopping, data: Any, horizons: Sequence[int], seeds: int) -> list[Claim]:
+def _runs(study: Study, data: xr.Dataset, horizons: Sequence[int], seeds: int) -> list[Claim]:
     names = [str(name) for name in data["controller"].values]
-    scores = study.scores(data)
+    scores = scores_of(study, data)
     claims = [
         Claim(
             name="stopping.tightened_bounds",
@@ -248,12 +243,12 @@ def _runs(study: Stopping, data: Any, horizons: Sequence[int], seeds: int) -> li
             name="stopping.stop_within_50cm.all_w",
             statement="the train stops within 50 cm of the mark whatever the resistance inside W",
             source=f"{PAPER}, abstract: robustly",
-            check=partial(stopping_outcomes.robustly_within, study, name, range(study.seed, study.seed + seeds)),
+            check=partial(stopping_outcomes.robustly_within, study, name, seeds),
             controller=name,
         )
         for name in (f"{kind}-n{N}" for kind in ("rmpc", "rsmpc", "offset-free") for N in horizons)
     ]
-    for N in study.lengths:
+    for N in own(study).lengths:
         pair = (f"rmpc-n{N}", f"rsmpc-n{N}")
         claims += [
             Claim(
@@ -274,7 +269,7 @@ def _runs(study: Stopping, data: Any, horizons: Sequence[int], seeds: int) -> li
     return claims
 
 
-def _kept(data: Any, name: str) -> Finding:
+def _kept(data: xr.Dataset, name: str) -> Finding:
     one = data.sel(controller=name)
     excess, lost = one["bound_excess"].values, one["infeasible"].values
     if np.isnan(excess).all():
@@ -295,7 +290,7 @@ def _kept(data: Any, name: str) -> Finding:
     )
 
 
-def _stopped(scores: Mapping[str, Mapping[str, float | None]], name: str) -> Finding:
+def _stopped(scores: Scores, name: str) -> Finding:
     error = scores[name]["stop_error_cm"]
     if error is None:
         witness = {"stop_error_cm": None, "stopped": False}
@@ -309,9 +304,7 @@ def _stopped(scores: Mapping[str, Mapping[str, float | None]], name: str) -> Fin
     )
 
 
-def _lower(
-    scores: Mapping[str, Mapping[str, float | None]], before: str, after: str, metrics: Sequence[str], unit: str
-) -> Finding:
+def _lower(scores: Scores, before: str, after: str, metrics: Sequence[str], unit: str) -> Finding:
     """Compare metrics of two laws: the second must have less of each."""
     values = {metric: (scores[before][metric], scores[after][metric]) for metric in metrics}
     gains = [first - second for first, second in values.values() if first is not None and second is not None]
@@ -329,8 +322,7 @@ def _lower(
 
 
 def _conclude(campaign: Campaign, verdicts: Sequence[Verdict]) -> list[str]:
-    study: Stopping = campaign.study
-    scores = campaign.scores()
+    lengths, scores = own(campaign.study).lengths, campaign.scores()
     errors = {name: row["stop_error_cm"] for name, row in scores.items()}
 
     def span(kind: str) -> str:
@@ -360,7 +352,7 @@ def _conclude(campaign: Campaign, verdicts: Sequence[Verdict]) -> list[str]:
         )
     if jerky:
         paragraphs.append(
-            f"Self-triggering saves updates but not comfort: in {jerky} of {len(study.lengths)} horizons its largest "
+            f"Self-triggering saves updates but not comfort: in {jerky} of {len(lengths)} horizons its largest "
             "jerk is above that of RMPC, for it corrects rarely and then at once."
         )
     return paragraphs

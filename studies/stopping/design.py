@@ -1,11 +1,12 @@
-"""The design of the stopping study: its settings, and the tube and laws made of them."""
+"""The design of the stopping study: what shapes its tubes, and the tubes made of it."""
 
 from __future__ import annotations
 
-from typing import Any
+from functools import lru_cache
 
 import numpy as np
 
+from models.array import Array
 from models.brake import Brake
 from models.braking_curve import BrakingCurve
 from models.quantity import InvalidValue, count, declared, quantity, switch
@@ -43,12 +44,12 @@ class Config:
             raise InvalidValue(f"low must be below high, got low {self.low:g} and high {self.high:g}")
 
     @property
-    def Q(self) -> Any:
+    def Q(self) -> Array:
         """Weight of the error, shape (4, 4)."""
         return np.diag([0.0, 0.0, self.speed_weight, self.position_weight])
 
     @property
-    def gain_Q(self) -> Any:
+    def gain_Q(self) -> Array:
         """Weight of the error that the tube's gain is for, shape (4, 4)."""
         own = (self.gain_speed_weight, self.gain_position_weight)
         speed, position = (
@@ -109,6 +110,7 @@ class Grade:
     )
 
 
+@lru_cache(maxsize=16)
 def make_tube(
     *,
     brake: Brake,
@@ -118,7 +120,7 @@ def make_tube(
     disturbance: Range,
     control: Control,
 ) -> Tube:
-    """Return the tube of a stopping study.
+    """Return the tube of a stopping study; the same settings have the same one.
 
     Raises InvalidValue where the disturbance leaves no room: it says which bound and by how much.
     """
@@ -155,7 +157,7 @@ def direction(tube: Tube, linear: BrakeModel) -> DisturbanceModel:
     return DisturbanceModel(plant=tube.plant, E=linear.E, Q=tube.Q)
 
 
-def design_document(tube: Tube, linear: BrakeModel, horizon: int) -> dict[str, Any]:
+def design_document(tube: Tube, linear: BrakeModel, horizon: int) -> dict[str, object]:
     """Return the content of ``design.json``.
 
     Bounds are the offsets h of H e <= h on the error e = x - x_s, in the order [u+, u-, v+, v-, s+, s-]: a lower bound

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from models.array import Array
 from studies.stopping.scores import UPDATE
+from studies.stopping.settings import Stopping, own
+from workbench.contracts.study import Draw, Study
 from workbench.sets import Polytope, minimal_rpi
 from workbench.trials.figures import COLOURS, MARKERS, STYLE, axis_label, styled
 
@@ -22,21 +25,23 @@ PLANE = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """From x to (v, s)."""
 
 
-def stopping_figures(study: Any, data: xr.Dataset) -> Mapping[str, Callable[[], Any]]:
+def stopping_figures(study: Study, data: xr.Dataset) -> Mapping[str, Draw]:
     """Return the figures by name, each a function that draws."""
-    shortest, longest = min(study.lengths), max(study.lengths)
+    settings = own(study)
+    data = data.dropna("sample", how="all", subset=["speed"])
+    shortest, longest = min(settings.lengths), max(settings.lengths)
     shown = ["pid", "ideal-mpc"]
     shown += [f"{kind}-n{N}" for kind in KINDS for N in dict.fromkeys((shortest, longest))]
-    figures: dict[str, Callable[[], Any]] = {f"speed_{name}": partial(speed, data, name) for name in shown}
+    figures: dict[str, Draw] = {f"speed_{name}": partial(speed, data, name) for name in shown}
     for kind in KINDS:
-        figures[f"speed_error_{kind}"] = partial(speed_error, data, kind, study.lengths)
-    figures["stop_error"] = partial(stop_error, study, data)
-    figures["tube"] = partial(tube, study, data)
-    figures["updates"] = partial(updates, study, data)
+        figures[f"speed_error_{kind}"] = partial(speed_error, data, kind, settings.lengths)
+    figures["stop_error"] = partial(stop_error, settings, data)
+    figures["tube"] = partial(tube, settings, data)
+    figures["updates"] = partial(updates, settings, data)
     return figures
 
 
-def speed(data: xr.Dataset, controller: str) -> Any:
+def speed(data: xr.Dataset, controller: str) -> Figure:
     """Draw speed and reference over distance, and the brake command on a second axis."""
     one = data.sel(controller=controller)
     with plt.rc_context(STYLE):
@@ -53,7 +58,7 @@ def speed(data: xr.Dataset, controller: str) -> Any:
         return figure
 
 
-def speed_error(data: xr.Dataset, kind: str, horizons: tuple[int, ...]) -> Any:
+def speed_error(data: xr.Dataset, kind: str, horizons: tuple[int, ...]) -> Figure:
     """Draw the speed error of one kind of law over distance, one curve a horizon."""
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()
@@ -65,28 +70,32 @@ def speed_error(data: xr.Dataset, kind: str, horizons: tuple[int, ...]) -> Any:
         return figure
 
 
-def stop_error(study: Any, data: xr.Dataset) -> Any:
+def stop_error(settings: Stopping, data: xr.Dataset) -> Figure:
     """Draw where the train stopped relative to the mark against the horizon, with the laws that have none."""
-    off = 100 * (data["stop_position"] - study.curve.stop_position)
+    off = 100 * (data["stop_position"] - settings.curve.stop_position)
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()
         for index, kind in enumerate(KINDS):
-            values = [float(off.sel(controller=f"{kind}-n{N}")) for N in study.lengths]
-            axes.plot(study.lengths, values, **styled(index), marker=MARKERS[index], label=KINDS[kind])
+            values = [float(off.sel(controller=f"{kind}-n{N}")) for N in settings.lengths]
+            axes.plot(settings.lengths, values, **styled(index), marker=MARKERS[index], label=KINDS[kind])
         for index, name in enumerate(("pid", "ideal-mpc"), len(KINDS)):
             axes.axhline(float(off.sel(controller=name)), **styled(index), label=name)
         axes.axhline(50, color="0.5", linewidth=1)
         axes.axhline(-50, color="0.5", linewidth=1)
-        axes.set(xlabel="horizon N (samples)", ylabel="stopping error (cm), limits at ±50", xticks=study.lengths)
+        axes.set(xlabel="horizon N (samples)", ylabel="stopping error (cm), limits at ±50", xticks=settings.lengths)
         figure.legend(loc="outside upper center", ncols=3)
         return figure
 
 
-def tube(study: Any, data: xr.Dataset) -> Any:
+def tube(settings: Stopping, data: xr.Dataset) -> Figure:
     """Draw the tube around the reference in the plane of speed and position errors, and the true errors in it."""
-    design = study.design
+    design = settings.design
     lag = design.plant.prediction_error
-    names = [f"rmpc-n{max(study.lengths)}", f"rsmpc-n{max(study.lengths)}", f"offset-free-n{max(study.lengths)}"]
+    names = [
+        f"rmpc-n{max(settings.lengths)}",
+        f"rsmpc-n{max(settings.lengths)}",
+        f"offset-free-n{max(settings.lengths)}",
+    ]
     with plt.rc_context(STYLE):
         figure, (whole, near) = plt.subplots(1, 2, figsize=(10.0, 4.6))
         for axes in (whole, near):
@@ -101,8 +110,8 @@ def tube(study: Any, data: xr.Dataset) -> Any:
             axes.plot(0, 0, "k+", markersize=10)
             axes.set(xlabel="speed error (m/s)", ylabel="position error (m)")
         whole.fill(*shadow(design.Sigma).T, facecolor="0.93", zorder=0, label="invariant set Σ, projected")
-        whole.add_patch(_box(study.design.bounds.h, "black", "bounds X"))
-        whole.add_patch(_box(study.design.X_z.h, COLOURS[3], "tightened by the delay"))
+        whole.add_patch(_box(settings.design.bounds.h, "black", "bounds X"))
+        whole.add_patch(_box(settings.design.X_z.h, COLOURS[3], "tightened by the delay"))
         whole.set(title="bounds and tube")
         near.set(title="the runs", xlim=_around(data, names, "v"), ylim=_around(data, names, "s"))
         handles, labels = whole.get_legend_handles_labels()
@@ -110,7 +119,7 @@ def tube(study: Any, data: xr.Dataset) -> Any:
         return figure
 
 
-def shadow(polytope: Polytope, directions: int = 40) -> Any:
+def shadow(polytope: Polytope, directions: int = 40) -> Array:
     """Return corners of the projection of a bounded polytope onto (v, s), (directions, 2): where its faces meet."""
     angles = np.linspace(0, 2 * np.pi, directions, endpoint=False)
     scale = np.array([polytope.support(row) for row in PLANE])  # the two axes have different units
@@ -120,7 +129,7 @@ def shadow(polytope: Polytope, directions: int = 40) -> Any:
     return np.array([np.linalg.solve(normals[pair], reach[pair]) for pair in pairs])
 
 
-def _box(h: Any, colour: str, label: str) -> Any:
+def _box(h: Array, colour: str, label: str) -> Rectangle:
     """Return the rectangle of the bounds on v and s, of offsets [u+, u-, v+, v-, s+, s-]."""
     corner, width, height = (-h[3], -h[5]), h[2] + h[3], h[4] + h[5]
     return Rectangle(corner, width, height, fill=False, edgecolor=colour, linestyle="--", label=label)
@@ -134,9 +143,9 @@ def _around(data: xr.Dataset, names: list[str], which: str) -> tuple[float, floa
     return low - room, high + room
 
 
-def updates(study: Any, data: xr.Dataset) -> Any:
+def updates(settings: Stopping, data: xr.Dataset) -> Figure:
     """Draw when RMPC and RSMPC changed the command: one row a law, one mark an update."""
-    names = [f"{kind}-n{N}" for N in study.lengths for kind in ("rmpc", "rsmpc")]
+    names = [f"{kind}-n{N}" for N in settings.lengths for kind in ("rmpc", "rsmpc")]
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(7.0, 1.4 + 0.32 * len(names)))
         for row, name in enumerate(names):

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 from studies.stopping import outcomes
-from studies.stopping.study import Stopping
+from studies.stopping.settings import Stopping, own
 from workbench.contracts.examination import Table
 from workbench.trials.campaign import Campaign
 
@@ -16,28 +15,28 @@ BETAS = (1.0, 1.5, 3.0)
 
 def published(campaign: Campaign, *, seeds: int) -> list[Table]:
     """Return the table of published outcomes and the table of holds that (27) allows."""
-    return [_outcomes(campaign, seeds), _holds(campaign.study)]
+    return [_outcomes(campaign, seeds), _holds(own(campaign.study))]
 
 
 def _outcomes(campaign: Campaign, seeds: int) -> Table:
-    study: Stopping = campaign.study
+    study, settings = campaign.study, own(campaign.study)
     scores = campaign.scores()
-    short, long = min(study.lengths), max(study.lengths)
+    short, long = min(settings.lengths), max(settings.lengths)
 
     def cm(value: float | None) -> str:
         return "never" if value is None or value != value else f"{value:.3g} cm"
 
-    def by_horizon(kind: str, metric: str, shown: Any) -> str:
-        return ", ".join(f"N={N}: {shown(scores[f'{kind}-n{N}'][metric])}" for N in study.lengths)
+    def by_horizon(kind: str, metric: str, shown: Callable[[float | None], str]) -> str:
+        return ", ".join(f"N={N}: {shown(scores[f'{kind}-n{N}'][metric])}" for N in settings.lengths)
 
     def ratios(metric: str) -> str:
-        pairs = ((N, scores[f"rsmpc-n{N}"][metric], scores[f"rmpc-n{N}"][metric]) for N in study.lengths)
+        pairs = ((N, scores[f"rsmpc-n{N}"][metric], scores[f"rmpc-n{N}"][metric]) for N in settings.lengths)
         return ", ".join(f"N={N}: {_ratio(a, b)}" for N, a, b in pairs)
 
     gains = [outcomes.pid_with(study, *gain).error_cm for gain in GAINS]
     name = f"rmpc-n{short}"
-    held = outcomes.share_within(study, name, outcomes.held_plants(study, seeds))
-    drawn = outcomes.share_within(study, name, (outcomes.random_plant(study, seed) for seed in range(seeds)))
+    held = outcomes.share_within(study, name, outcomes.held_brakes(settings, seeds))
+    drawn = outcomes.share_within(study, name, (outcomes.random_brake(settings, seed) for seed in range(seeds)))
     loose = outcomes.rsmpc_with(study, long, contained=False)
     spread = {beta: [outcomes.rsmpc_with(study, N, beta=beta) for N in dict.fromkeys((short, long))] for beta in BETAS}
     rows = [
@@ -108,10 +107,10 @@ def _ratio(a: float | None, b: float | None) -> str:
     return f"{a / b:.3g}" if a is not None and b else "-"
 
 
-def _holds(study: Stopping) -> Table:
+def _holds(settings: Stopping) -> Table:
     rows: list[Sequence[str]] = []
-    for N in study.lengths:
-        refused = study.design.held_conflicts(N)
+    for N in settings.lengths:
+        refused = settings.design.held_conflicts(N)
         offered = [str(M) for M in range(1, N) if M not in refused]
         reasons = "; ".join(f"M = {M}: {reason}" for M, reason in refused.items())
         rows.append((f"rsmpc-n{N}", ", ".join(offered), reasons or "none"))

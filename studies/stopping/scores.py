@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 
+from studies.stopping.settings import own
 from workbench.contracts.number import finite
-from workbench.contracts.study import Scores
+from workbench.contracts.study import Scores, Study
 
 UPDATE = 1e-6
 """|du| above which a sample counts as an update of the command."""
@@ -16,7 +15,7 @@ SWITCH = 1e-3
 """|du| above which it counts as a switch of the brake."""
 
 
-def scores(study: Any, data: xr.Dataset) -> Scores:
+def scores(study: Study, data: xr.Dataset) -> Scores:
     """Return the metrics of every law.
 
     stop_error_cm; rms_speed_error, max_speed_error (m/s); updates, switches: samples whose |du| exceeds 1e-6, 1e-3;
@@ -26,8 +25,10 @@ def scores(study: Any, data: xr.Dataset) -> Scores:
     for name in data["controller"].values:
         one = data.sel(controller=name)
         kept = one["speed"].notnull().values
+        if not kept.any():  # refused
+            continue
         error, du = one["speed_error"].values[kept], np.abs(one["increment"].values[kept])
-        stop = float(one["stop_position"]) - study.curve.stop_position
+        stop = float(one["stop_position"]) - own(study).curve.stop_position
         result[str(name)] = {
             "stop_error_cm": finite(100 * stop),
             "rms_speed_error": finite(np.sqrt(np.mean(error**2))),

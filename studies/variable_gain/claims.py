@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import cast
 
 import numpy as np
+from matplotlib.figure import Figure as Drawn
 
 from studies.variable_gain.direct_term import answers_at_once, contraction, spectral_radius
 from studies.variable_gain.figures import errors_by_trial
-from studies.variable_gain.published import noisy, tables, variable_law
+from studies.variable_gain.published import FixedLaw, VariableLaw, noisy, tables, variable_law, varies
 from studies.variable_gain.scores import peaks
+from studies.variable_gain.study import MISMATCH, NOISE, NOT_LEARNED, Start
 from verification.checks.initial_state import converges_from, initial_factor
 from verification.checks.lipschitz import lipschitz
 from workbench.contracts.examination import Examination, Figure
+from workbench.contracts.law import AnyLaw
+from workbench.contracts.study import rebuilt_plant
 from workbench.contracts.verdict import Claim, Finding, Standing, Verdict, undecided
 from workbench.controllers.fixed_gain import FixedGain
 from workbench.evidence.variants import Variants
 from workbench.trials.campaign import Campaign
+from workbench.trials.record import OUTPUT
 
 PATENT = "Nanjing Institute of Technology, patent application 2017"
 STARTS = 20
@@ -34,7 +38,7 @@ BOX, BANDS = ((-50.0, -2.0), (1550.0, 25.0)), (-2.0, -0.3, -0.05, 0.0, 0.05, 0.3
 def examine(campaign: Campaign, *, full: bool = False) -> Examination:
     """Return the claims on a campaign of the variable-gain study, with tables and conclusion."""
     evidence = Variants(campaign)
-    plant, laws = campaign.study.trial_study.plant, campaign.study.controllers
+    plant, laws = campaign.study.plant_that_runs, campaign.study.controllers
     claims = [
         Claim(
             name="variable-gain.spectral_radius_printed",
@@ -75,7 +79,7 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
             name="variable-gain.lipschitz_box_between_portals",
             statement="The same where no tunnel begins or ends (the repair: tunnel resistance 0).",
             source=f"ours, after {PATENT}, assumption 1",
-            check=partial(lipschitz, dataclasses.replace(plant, tunnel_resistance=0.0), *BOX, BANDS),
+            check=partial(lipschitz, rebuilt_plant(plant, {"tunnel_resistance": 0.0}), *BOX, BANDS),
         ),
         Claim(
             name="variable-gain.position_only",
@@ -138,16 +142,19 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
     )
 
 
-def gains(law: Any) -> tuple[float, float]:
+def gains(law: AnyLaw) -> tuple[float, float]:
     """Return the least and the largest gain that a law can take."""
-    return (float(law.lam), float(law.lam)) if hasattr(law, "lam") else (float(law.lam_min), 1.0)
+    if varies(law):
+        return cast(VariableLaw, law).lam_min, 1.0
+    gain = cast(FixedLaw, law).lam
+    return gain, gain
 
 
 def position_only(evidence: Variants) -> Finding:
     """Run a law that learns from the slope of the position error."""
     law = FixedGain(lam=1.0, learns="position")
-    data = evidence.variant("noise.speed_sigma=0", laws=(("position", law),)).data
-    errors = peaks(data, "position", "error")
+    data = evidence.variant("noise.sigma=0", laws=(("position", law),)).data
+    errors = peaks(data, "position", "position")
     errors = errors[np.isfinite(errors)]
     if errors.size < 2:
         return undecided("one trial shows no learning: give more trials")
@@ -173,12 +180,12 @@ def position_only(evidence: Variants) -> Finding:
 
 def initial_state_ratio(evidence: Variants, name: str) -> Finding:
     """Differentiate the law's own equations, and look at the run."""
-    law = evidence.study.trial_study.controllers[name]
+    law = evidence.study.law(name)
     factor = initial_factor(law)
     if factor is None:
         return undecided("the factor depends on the trial")
-    expected = 1 - float(law.lam0)
-    start = evidence.campaign.data["error"].sel(controller=name).isel(sample=0).values
+    expected = 1 - cast(FixedLaw, law).lam0
+    start = evidence.campaign.data["error"].sel({"controller": name, OUTPUT: "position"}).isel(sample=0).values
     measured = float(start[1] / start[0]) if start.size > 1 and start[0] else None
     exact = abs(factor - expected) <= 1e-15
     return Finding(
@@ -193,30 +200,30 @@ def initial_state_ratio(evidence: Variants, name: str) -> Finding:
 
 def global_initial_convergence(evidence: Variants, name: str) -> Finding:
     """Run the study from random starts, drawn from its seed."""
-    study = evidence.study.trial_study
+    study = evidence.study
     starts = np.random.default_rng([study.seed, STARTS]).uniform([-20, -2], [20, 2], (STARTS, 2))
     return converges_from(study, name, starts, (POSITION, SPEED))
 
 
 def initial_learning_needed(evidence: Variants) -> Finding:
     """Run the study without initial-state learning."""
-    data = evidence.variant("initial_learning=false", "noise.speed_sigma=0").data
+    data = evidence.variant("noise.sigma=0", case=NOT_LEARNED).data
     last = {
-        name: (peaks(data, name, "error")[-1], peaks(data, name, "error_speed")[-1])
-        for name in evidence.study.controllers
+        name: (peaks(data, name, "position")[-1], peaks(data, name, "speed")[-1]) for name in evidence.study.controllers
     }
     worst = max(last, key=lambda name: last[name][1])
+    start = cast(Start, evidence.study.initial)
     converged = all(position < POSITION and speed < SPEED for position, speed in last.values())
     return Finding(
         standing=Standing.SUPPORTED if converged else Standing.REFUTED,
-        method="the study run with initial_learning=false",
+        method=f"the study run in the case {NOT_LEARNED}",
         margin=float(SPEED - last[worst][1]),
         unit="m/s",
         witness={
             "controller": worst,
             "max_position_error_last": last[worst][0],
             "max_speed_error_last": last[worst][1],
-            "initial.speed": evidence.study.initial.speed,
+            "initial.speed": start.speed,
         },
     )
 
@@ -227,7 +234,7 @@ def noise_claim(evidence: Variants) -> Finding:
     margin = last["fixed-lam_min"] - last["variable"]
     return Finding(
         standing=Standing.SUPPORTED if margin > 0 else Standing.REFUTED,
-        method="the study with noise.speed_sigma = 0.02 m/s; largest true speed error of the last trial. The gain is "
+        method="the study with noise.sigma = 0.02 m/s; largest true speed error of the last trial. The gain is "
         "computed from the same noisy sample that it multiplies, so noise is learned with the largest gains; "
         "smoothing |e_v| over 1 s helps",
         margin=margin,
@@ -239,7 +246,10 @@ def noise_claim(evidence: Variants) -> Finding:
 def faster_than_fixed(evidence: Variants) -> Finding:
     """Compare the trials to tolerance of the variable gain and of a fixed gain of 1."""
     law = variable_law(evidence)
-    laws = (("variable", law), ("fixed", FixedGain(lam=1.0, lam0=law.lam0)))
+    laws: tuple[tuple[str, AnyLaw], ...] = (
+        ("variable", law),
+        ("fixed", FixedGain(lam=1.0, lam0=cast(VariableLaw, law).lam0)),
+    )
     scores = evidence.variant(laws=laws).scores()
     trials = {name: scores[name]["trials_to_tolerance"] for name, _ in laws}
     counted = {name: np.inf if number is None else number for name, number in trials.items()}
@@ -257,13 +267,14 @@ def faster_than_fixed(evidence: Variants) -> Finding:
 
 def mismatch_limit(evidence: Variants) -> Finding:
     """Run a fixed gain of 1 on a train whose input gain is 2.1 times the assumed one."""
-    campaign = evidence.variant("gain_mismatch=2.1", "noise.speed_sigma=0", laws=(("fixed", FixedGain(lam=1.0)),))
-    peaked = peaks(campaign.data, "fixed", "error_speed")
+    campaign = evidence.variant("noise.sigma=0", case=MISMATCH, laws=(("fixed", FixedGain(lam=1.0)),))
+    peaked = peaks(campaign.data, "fixed", "speed")
     diverged = campaign.scores()["fixed"]["diverged_at_trial"]
     done = peaked[np.isfinite(peaked)]
     return Finding(
         standing=Standing.REFUTED if diverged else Standing.SUPPORTED,
-        method="the study with gain_mismatch = 2.1; a watch over the slope of the speed error stops it",
+        method="the study with an input gain of 2.1 times the assumed one; a watch over the slope of the speed error "
+        "stops it",
         margin=float(SPEED - done[-1]),
         unit="m/s",
         witness={"diverged_at_trial": diverged, "max_speed_error_first": done[0], "max_speed_error_last": done[-1]},
@@ -304,21 +315,20 @@ def conclude(verdicts: Sequence[Verdict]) -> Sequence[str]:
 
 
 def _figures(evidence: Variants) -> Mapping[str, Figure]:
-
-    def drawn(*assignments: str) -> Callable[[], Any]:
-        return lambda: errors_by_trial(evidence.variant(*assignments).data)
+    def drawn(case: str, *assignments: str) -> Drawn:
+        return errors_by_trial(evidence.variant(*assignments, case=case).data)
 
     return {
         "without_initial_learning": Figure(
             caption="Largest errors by trial when the initial state is not learned.",
-            draw=drawn("initial_learning=false", "noise.speed_sigma=0"),
+            draw=partial(drawn, NOT_LEARNED, "noise.sigma=0"),
         ),
         "mismatch": Figure(
             caption="Largest errors by trial with an input gain of 2.1 times the assumed one: the fixed gain of 1 is "
             "stopped.",
-            draw=drawn("gain_mismatch=2.1", "noise.speed_sigma=0"),
+            draw=partial(drawn, MISMATCH, "noise.sigma=0"),
         ),
         "noise": Figure(
-            caption="Largest true errors by trial with speed noise of 0.02 m/s.", draw=drawn("noise.speed_sigma=0.02")
+            caption="Largest true errors by trial with speed noise of 0.02 m/s.", draw=partial(drawn, NOISE)
         ),
     }

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from models.expression import Expression
+from models.plant import Plant
 from workbench.contracts.verdict import Finding, Standing, undecided
 
 
-def input_matrix(plant: Any) -> tuple[Any, Any]:
+def input_matrix(plant: Plant) -> tuple[Expression, Expression]:
     """Return h_x (outputs by states) and B = d(dx/dt)/du (states by 1) of a plant as exact expressions (SX).
 
-    The plant has one input and ``rhs(x, u) -> dx/dt``.
+    The plant has one input, no disturbance and gives ``rhs``.
     """
     x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u")
-    return ca.jacobian(plant.measured(x), x), ca.simplify(ca.jacobian(plant.rhs(x, u), u))
+    slope = plant.slope(x, u, ca.SX(len(plant.disturbances), 1), 0)
+    return ca.jacobian(plant.measured(x), x), ca.simplify(ca.jacobian(slope, u))
 
 
-def spectral_radius(plant: Any, lam: float) -> Finding:
+def spectral_radius(plant: Plant, lam: float) -> Finding:
     """Find the spectral radius of I - h_x [0, B] lambda for two states and outputs, u = [0, F] as the patent has it."""
     h_x, b = (ca.evalf(matrix).full() for matrix in input_matrix(plant))
     direct = h_x @ np.column_stack([np.zeros(2), b])
@@ -36,7 +38,7 @@ def spectral_radius(plant: Any, lam: float) -> Finding:
     )
 
 
-def contraction(plant: Any, output: int, gains: Sequence[float]) -> Finding:
+def contraction(plant: Plant, output: int, gains: Sequence[float]) -> Finding:
     """Bound |1 - b lambda| between the least and the largest gain, b = d(dy/dt)/du of one output."""
     h_x, column = input_matrix(plant)
     direct = ca.simplify(h_x[output, :] @ column)
@@ -55,7 +57,7 @@ def contraction(plant: Any, output: int, gains: Sequence[float]) -> Finding:
     )
 
 
-def answers_at_once(plant: Any, outputs: Sequence[str]) -> Finding:
+def answers_at_once(plant: Plant, outputs: Sequence[str]) -> Finding:
     """Look for outputs whose first derivative by time does not depend on the input.
 
     That is the relative degree of ``rhs``; the plant's ``relative_degree`` is that of ``step``, where a force held

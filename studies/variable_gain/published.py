@@ -2,19 +2,50 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import Protocol, cast
 
+from models.quantity import rebuilt
 from studies.variable_gain.scores import peaks
+from studies.variable_gain.study import NOISE, NOT_LEARNED
 from workbench.contracts.examination import Table
+from workbench.contracts.law import AnyLaw
 from workbench.controllers.fixed_gain import FixedGain
 from workbench.evidence.variants import Variants
 
 
-def variable_law(evidence: Variants) -> Any:
+class VariableLaw(Protocol):
+    """What a law with a variable gain has: its least gain, and the gain of its initial-state learning."""
+
+    @property
+    def lam_min(self) -> float:
+        """The least learning gain, 1."""
+
+    @property
+    def lam0(self) -> float:
+        """The gain of initial-state learning, 1."""
+
+
+class FixedLaw(Protocol):
+    """What a law with a fixed gain has."""
+
+    @property
+    def lam(self) -> float:
+        """The learning gain, 1."""
+
+    @property
+    def lam0(self) -> float:
+        """The gain of initial-state learning, 1."""
+
+
+def varies(law: AnyLaw) -> bool:
+    """Tell whether a law's gain is variable: then it tells it."""
+    return any(signal.name == "learning_gain" for signal in law.tells)
+
+
+def variable_law(evidence: Variants) -> AnyLaw:
     """Return the study's first law with a variable gain."""
-    found = [law for law in evidence.study.controllers.values() if hasattr(law, "lam_min")]
+    found = [law for law in evidence.study.controllers.values() if varies(law)]
     if not found:
         raise ValueError("the study has no law with a variable gain")
     return found[0]
@@ -23,14 +54,15 @@ def variable_law(evidence: Variants) -> Any:
 def noisy(evidence: Variants) -> dict[str, float]:
     """Return the largest speed error of the last trial under noise: variable, smoothed, fixed at lam_min and at 1."""
     law = variable_law(evidence)
-    laws = {
+    gain = cast(VariableLaw, law)
+    laws: dict[str, AnyLaw] = {
         "variable": law,
-        "smoothed": dataclasses.replace(law, smoothing_s=1.0),
-        "fixed-lam_min": FixedGain(lam=law.lam_min, lam0=law.lam0),
-        "fixed-1": FixedGain(lam=1.0, lam0=law.lam0),
+        "smoothed": rebuilt(law, {"smoothing_s": 1.0}),
+        "fixed-lam_min": FixedGain(lam=gain.lam_min, lam0=gain.lam0),
+        "fixed-1": FixedGain(lam=1.0, lam0=gain.lam0),
     }
-    data = evidence.variant("noise.speed_sigma=0.02", laws=tuple(laws.items())).data
-    return {name: float(peaks(data, name, "error_speed")[-1]) for name in laws}
+    data = evidence.variant(case=NOISE, laws=tuple(laws.items())).data
+    return {name: float(peaks(data, name, "speed")[-1]) for name in laws}
 
 
 def tables(evidence: Variants) -> Sequence[Table]:
@@ -38,7 +70,7 @@ def tables(evidence: Variants) -> Sequence[Table]:
     scores = evidence.campaign.scores()
     first = next(iter(scores))
     own = scores[first]
-    without = evidence.variant("initial_learning=false", "noise.speed_sigma=0").scores()[first]
+    without = evidence.variant("noise.sigma=0", case=NOT_LEARNED).scores()[first]
     last = noisy(evidence)
 
     def shown(value: float | None, unit: str) -> str:

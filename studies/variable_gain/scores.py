@@ -2,33 +2,35 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 
+from models.array import Array
 from workbench.contracts.number import finite
-from workbench.contracts.study import Scores
+from workbench.contracts.study import Scores, Study
+from workbench.trials.record import OUTPUT
 
 POSITION_TOLERANCE, SPEED_TOLERANCE = 0.1, 0.01
+"""What ``trials_to_tolerance`` asks for, m and m/s."""
 
 
-def peaks(data: xr.Dataset, controller: str, variable: str) -> Any:
-    """Return the largest magnitude of an error in every trial, NaN where the trial was not run."""
-    return abs(data[variable].sel(controller=controller)).max("sample").values
+def peaks(data: xr.Dataset, controller: str, output: str) -> Array:
+    """Return the largest magnitude of an output's error in every trial, NaN where the trial was not run."""
+    largest: Array = abs(data["error"].sel({"controller": controller, OUTPUT: output})).max("sample").values
+    return largest
 
 
-def scores(data: xr.Dataset) -> Scores:
+def scores(study: Study, data: xr.Dataset) -> Scores:
     """Return the metrics of every controller.
 
     max_position_error_first|last (m), max_speed_error_first|last (m/s), of the last trial that the study has (None
     where the law had diverged); trials_to_tolerance: the first trial from which on both stay within 0.1 m and
-    0.01 m/s; initial_position_ratio: initial position error of trial 2 over that of trial 1; diverged_at_trial.
+    0.01 m/s; initial_position_ratio: initial position error of trial 2 over that of trial 1.
     """
     table: Scores = {}
     for name in map(str, data["controller"].values):
-        position, speed = peaks(data, name, "error"), peaks(data, name, "error_speed")
-        start = data["error"].sel(controller=name).isel(sample=0).values
+        position, speed = peaks(data, name, "position"), peaks(data, name, "speed")
+        start = data["error"].sel({"controller": name, OUTPUT: "position"}).isel(sample=0).values
         within = (position < POSITION_TOLERANCE) & (speed < SPEED_TOLERANCE)
         outside = np.flatnonzero(~within)
         first = outside[-1] + 2 if outside.size else 1
@@ -39,6 +41,5 @@ def scores(data: xr.Dataset) -> Scores:
             "max_speed_error_last": finite(speed[-1]),
             "trials_to_tolerance": finite(first) if first <= position.size else None,
             "initial_position_ratio": finite(start[1] / start[0]) if start.size > 1 and start[0] else None,
-            "diverged_at_trial": finite(data["diverged_at_trial"].sel(controller=name)),
         }
     return table

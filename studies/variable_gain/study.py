@@ -5,32 +5,31 @@ D-type ILC; patent of NJIT (2017).
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from models.array import Array
 from models.metro_line import MetroLine
 from models.plant import Plant
-from models.quantity import count, declared, given, part, quantity, switch
+from models.quantity import declared, quantity
 from models.station_runs import StationRun
 from studies.variable_gain.scores import scores
-from workbench.contracts.study import Folded, Progress, Scores, Study
+from workbench.contracts.scenario import Initial, NormalNoise, Times
+from workbench.contracts.study import Draw, Study
 from workbench.controllers.fixed_gain import FixedGain
 from workbench.controllers.variable_gain import VariableGain
 from workbench.requirements.divergence import slope_growth
-from workbench.trials.drawn import SpeedNoise
-from workbench.trials.study import TrialStudy
-
-"""What ``trials_to_tolerance`` asks for, m and m/s."""
 
 
 @declared
-class Start:
-    """Where trials begin: an offset, a random addition drawn once, and one drawn anew for every trial."""
+class Start(Initial):
+    """Where trials begin: an offset, a random addition drawn once, and one drawn anew for every trial.
+
+    A law that learns the initial state moves it from there.
+    """
 
     position: float = quantity(default=0.8, unit="m", doc="offset of the initial position")
     speed: float = quantity(default=0.3, unit="m/s", doc="offset of the initial speed")
@@ -41,79 +40,51 @@ class Start:
         default=0.0, unit="m, m/s", doc="standard deviation of a random addition to both, for every trial", least=0
     )
 
-    def draw(self, plant: Plant, trials: int, rng: np.random.Generator) -> Any:
+    def draw(self, plant: Plant, trials: int, rng: np.random.Generator) -> Array:
         """Return the initial states, shape (trials, 2), before anything was learned."""
         once = np.array([self.position, self.speed]) + self.random_sigma * rng.normal(size=2)
         return once + self.trial_sigma * rng.normal(size=(trials, 2))
 
-
-@declared
-class VariableGainStudy(Study):
-    """Position and speed of a metro train, learned from trial to trial together with where it starts."""
-
-    name: str = given(default="variable-gain", doc="name, used for folders and reports")
-    title: str = given(
-        default="Variable-gain ILC with initial-state learning on a metro line", doc="what the study is, in one line"
-    )
-    source: str = given(
-        default="Nanjing Institute of Technology, patent application (2017): ATO speed control by iterative learning",
-        doc="patent that it follows",
-    )
-    plant: MetroLine = part(default=MetroLine(), doc="the train on its line")
-    reference: StationRun = part(default=StationRun(), doc="position and speed to follow")
-    controllers: Mapping[str, Any] = part(
-        default={"variable": VariableGain(), "fixed": FixedGain()}, doc="the controllers by name"
-    )
-    trials: int = count(default=30, doc="number of trials, the first included", least=1)
-    initial: Start = part(default=Start(), doc="where trials begin")
-    initial_learning: bool = switch(default=True, doc="whether the laws learn the initial state")
-    noise: SpeedNoise = part(default=SpeedNoise(row=1), doc="measurement noise")
-    gain_mismatch: float = quantity(
-        default=1.0, unit="1", doc="b, input gain of the train over the one that the laws assume", above=0
-    )
-    seed: int = count(default=0, doc="seed of everything random")
-
-    def check(self) -> None:
-        """Raise InvalidValue where the parts do not fit together."""
-        _ = self.trial_study
-
     @property
-    def trial_study(self) -> TrialStudy:
-        """The same study as plant x reference x controllers."""
-        laws = self.controllers
-        if not self.initial_learning:
-            laws = {name: dataclasses.replace(law, initial_learning=False) for name, law in laws.items()}
-        return TrialStudy(
-            name=self.name,
-            title=self.title,
-            source=self.source,
-            plant=dataclasses.replace(self.plant, input_gain=self.plant.input_gain * self.gain_mismatch),
-            reference=self.reference,
-            controllers=laws,
-            trials=self.trials,
-            noise=self.noise,
-            initial=self.initial,
-            seed=self.seed,
-            watch=partial(slope_growth, 1),
-        )
-
-    def folded(self) -> dict[str, Folded]:
-        """Return what every controller is folded from, by name."""
-        return self.trial_study.folded()
-
-    def simulate(self, progress: Progress) -> xr.Dataset:
-        """Run every controller; see :class:`workbench.contracts.study.Study`."""
-        return self.trial_study.simulate(progress)
-
-    def scores(self, data: xr.Dataset) -> Scores:
-        """Return the metrics of every controller; see :func:`scores`."""
-        return scores(data)
-
-    def figures(self, data: xr.Dataset) -> Mapping[str, Callable[[], Any]]:
-        """Return the figures by name, as functions that draw."""
-        from studies.variable_gain.figures import figures
-
-        return figures(self.plant.sampling_time, data)
+    def repeats(self) -> bool:
+        """Whether every trial begins in the same state."""
+        return self.trial_sigma == 0
 
 
-STUDY = VariableGainStudy()
+def figures(study: Study, data: xr.Dataset) -> Mapping[str, Draw]:
+    """Return the figures of the study by name."""
+    from studies.variable_gain.figures import figures
+
+    return figures(data)
+
+
+NOISE, MISMATCH, NOT_LEARNED = "noise", "mismatch", "without-initial-learning"
+"""Names of cases."""
+
+STUDY = Study(
+    name="variable-gain",
+    title="Variable-gain ILC with initial-state learning on a metro line",
+    source="Nanjing Institute of Technology, patent application (2017): ATO speed control by iterative learning",
+    plant=MetroLine(),
+    reference=StationRun(),
+    controllers={"variable": VariableGain(), "fixed": FixedGain()},
+    trials=30,
+    initial=Start(),
+    noise=NormalNoise(output="speed"),
+    truth={"input_gain": Times(factor=1.0)},
+    watch=partial(slope_growth, 1),
+    scorers=(scores,),
+    drawings=figures,
+    cases={
+        NOT_LEARNED: {"controllers.variable.initial_learning": False, "controllers.fixed.initial_learning": False},
+        NOISE: {"noise.sigma": 0.02},
+        "noise-smoothed": {"noise.sigma": 0.02, "controllers.variable.smoothing_s": 1.0},
+        MISMATCH: {"truth.input_gain.factor": 2.1},
+        "learning-from-position": {"controllers.fixed.learns": "position"},
+    },
+    renamed={"noise.speed_sigma": "noise.sigma", "gain_mismatch": "truth.input_gain.factor"},
+    gone={
+        "initial_learning": "each law has its own, as in controllers.variable.initial_learning=false; "
+        f"the case {NOT_LEARNED} switches off all of them"
+    },
+)

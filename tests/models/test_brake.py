@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from models.brake import Brake, Motion
+from models.brake import Brake, Halting, Motion
 from models.braking_curve import BrakingCurve
 from models.quantity import InvalidValue
 from studies.stopping.brake_model import brake_model, reference_state
@@ -119,3 +120,59 @@ def test_rates_and_dead_time():
 def test_bad_brakes_are_told(change, message):
     with pytest.raises(InvalidValue, match=message):
         Brake(**change)
+
+
+def stand_by_a_loop(a, v, s, commands, substeps=20, h=0.01):
+    """Fine steps by a plain loop until the train stands: motion, running time and largest jerk of the sample."""
+    acting, ran, jerk = commands[-1], 0.0, 0.0
+    for _ in range(substeps):
+        if v <= 0:
+            break
+
+        def rates(a, v, s):
+            return (C * acting - a) / TAU, a - resistance(v, s), v
+
+        k1 = rates(a, v, s)
+        jerk = max(jerk, abs(k1[0]))
+        k2 = rates(*(x + h / 2 * k for x, k in zip((a, v, s), k1, strict=True)))
+        k3 = rates(*(x + h / 2 * k for x, k in zip((a, v, s), k2, strict=True)))
+        k4 = rates(*(x + h * k for x, k in zip((a, v, s), k3, strict=True)))
+        steps = [(p + 2 * q + 2 * r + w) / 6 for p, q, r, w in zip(k1, k2, k3, k4, strict=True)]
+        after = [x + h * d for x, d in zip((a, v, s), steps, strict=True)]
+        share = min(1.0, v / (v - after[1])) if after[1] <= 0 else 1.0
+        a, v, s = (x + share * (y - x) for x, y in zip((a, v, s), after, strict=True))
+        v, ran = 0.0 if share < 1 or v <= 0 else v, ran + share * h
+    return a, v, s, ran, jerk
+
+
+@pytest.mark.parametrize("speed", [20.0, 0.08, 0.05, 0.001, 0.0])
+def test_a_train_halts_where_it_stands(speed):
+    train, commands = Halting(), [0.2, 0.3, 0.4, 0.5, 0.6]
+    step = train.step_function()
+    x = step([-0.5, speed, 390.0, *commands, 3.0, 9.0], 0.1, 0, 0).full().ravel()
+    a, v, s, ran, jerk = stand_by_a_loop(-0.5, speed, 390.0, commands)
+    np.testing.assert_allclose(x[:3], [a, v, s], atol=1e-12)
+    np.testing.assert_allclose(x[3:8], [0.1, *commands[:4]])
+    np.testing.assert_allclose(x[8:], [3.0 + ran, jerk], atol=1e-12)
+    assert bool(train.ended_at(ca.DM(x))) == (speed < 1) and (speed < 1) == (ran < T - 1e-9)
+    if speed < 1:  # it stays where it stands
+        again = step(x, 0.9, 0, 1).full().ravel()
+        np.testing.assert_array_equal(again[:3], x[:3])
+        assert again[8] == x[8] and again[9] == 0
+        assert np.isfinite(train.derivative("x")(x, 0.1, 0, 0).full()).all()
+    else:
+        running = train.plant.step_function()([-0.5, speed, 390.0, *commands], 0.1, 0, 0).full().ravel()
+        np.testing.assert_allclose(x[:3], running[:3], rtol=1e-14)
+
+
+def test_signals_of_a_halting_train():
+    train = Halting()
+    assert [(one.name, one.unit, one.role) for one in train.outputs] == [
+        ("speed", "m/s", "speed"),
+        ("position", "m", "position"),
+    ]
+    assert [one.name for one in train.states if one.recorded] == [
+        *("acceleration", "speed", "position"),
+        *("running_time", "peak_jerk"),
+    ]
+    assert train.ends and train.relative_degree() == 6

@@ -165,3 +165,11 @@ def test_a_constant_schedule_is_a_delay():
 def test_bad_schedules_are_refused(schedule):
     with pytest.raises(InvalidValue, match="schedule"):
         SwitchedDelay(plant=Transfer(), schedule=schedule)
+
+
+def test_a_schedule_may_be_given_in_seconds():
+    plant = Transfer()
+    assert SwitchedDelay.in_seconds(plant, [(0, 1.0), (2.0, 0.8)]).schedule == ((0, 5), (10, 4))
+    for schedule, what in (([(0, 0.5)], "dead times"), ([(0, 0.2), (0.5, 0.4)], "instants")):
+        with pytest.raises(InvalidValue, match=f"schedule's {what} must be a multiple of the sampling time of 0.2 s"):
+            SwitchedDelay.in_seconds(plant, schedule)

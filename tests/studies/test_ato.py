@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
+import json
 
 import casadi as ca
 import numpy as np
@@ -13,12 +13,14 @@ from models.quantity import InvalidValue
 from models.raised_cosine import RaisedCosines
 from models.transfer import Transfer
 from studies.ato.scores import indices
-from studies.ato.study import STUDY
+from studies.ato.study import STUDY, own
+from workbench.contracts import settings
+from workbench.contracts.law import Task
 from workbench.controllers.bp_fipid import BPFIPID, Acting
 from workbench.controllers.fipid import FIPID
 from workbench.controllers.pd import PD
-from workbench.trials import settings
 from workbench.trials.campaign import load, run
+from workbench.trials.draws import draw_of, of_draws
 from workbench.trials.find import find
 
 AXIS = np.linspace(-1, 1, 101)
@@ -104,8 +106,14 @@ def drawn(seed):
 
 
 @functools.cache
-def campaign(test, seeds=50):
-    return run(dataclasses.replace(STUDY, test=test, seeds=seeds), show_progress=False)
+def campaign(test, seeds=20):
+    return run(settings.changed(STUDY, {"curve": test == "curve", "draws": seeds}), show_progress=False)
+
+
+@functools.cache
+def one_draw(test, draw):
+    """Return the record of one draw, counted from 1, run alone."""
+    return run(draw_of(campaign(test).study, draw - 1), show_progress=False).data.isel(trial=0)
 
 
 CASES = [
@@ -119,7 +127,7 @@ CASES = [
 @pytest.mark.parametrize("test", ["step", "curve"])
 @pytest.mark.parametrize(("name", "seed", "f", "law"), CASES)
 def test_recorded_runs_replay(test, name, seed, f, law):
-    one = campaign(test).data.sel(controller=name, seed=seed)
+    one = one_draw(test, seed).sel(controller=name)
     y, u, p = loop(test, f, **law)
     np.testing.assert_allclose(one["output"][:-1], y, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(one["input"][:-1], u, rtol=1e-9, atol=1e-9)
@@ -148,30 +156,32 @@ def test_the_curve_shows_what_it_must():
 
 
 def test_the_disturbance_stays_in_the_input():
-    calm = run(dataclasses.replace(STUDY, disturbance=0.0, seeds=1), show_progress=False).data
+    calm = run(settings.changed(STUDY, {"disturbance": 0.0, "draws": 1}), show_progress=False).data
     disturbed = campaign("step").data
-    difference = (disturbed["input"].isel(seed=0) - calm["input"].isel(seed=0)).sel(controller="fipid").values
+    difference = (disturbed["input"].isel(trial=0) - calm["input"].isel(trial=0)).sel(controller="fipid").values
     assert np.abs(difference[:99]).max() == 0
     assert difference[99] == pytest.approx(0.1) and difference[100] == pytest.approx(0.1, rel=0.05)
 
 
 def test_fixed_best_is_the_best_of_its_grid():
     data = campaign("step").data
-    assert data["grid_ise"].values[0].min() == float(data["ise"].sel(controller="fixed-best", seed=1))
+    assert data["grid_ise"].values[0].min() == float(data["ise"].sel(controller="fixed-best", trial=1))
     best = float(data["grid"][int(np.argmin(data["grid_ise"].values[0]))])
     y, _, _ = loop("step", f_rules, gains=(best, best))
     assert indices(np.ones(200), y, 0.2)["ise"] == pytest.approx(float(data["grid_ise"].min()), rel=1e-9)
-    fixed = dataclasses.replace(STUDY, tune=False, seeds=1, controllers={"fixed-best": FIPID(K=0.7, eta=1.0)})
+    changes = {"tune": False, "draws": 1, "controllers": {"fixed-best": FIPID(K=0.7, eta=1.0)}}
+    fixed = settings.changed(STUDY, changes)
     assert run(fixed, show_progress=False).scores()["fixed-best"]["ise"] == pytest.approx(2.085, rel=1e-3)
 
 
-def test_other_seeds_draw_other_weights_and_the_same_seed_the_same():
-    def first(seed):
-        study = settings.assigned(STUDY, ["seeds=2", f"seed={seed}"])
-        return run(study, show_progress=False).data["output"].sel(controller="bp-fipid").values
-
-    assert np.array_equal(first(1), first(1))
-    assert not np.array_equal(first(1)[0], first(2)[0])
+def test_a_draw_is_the_campaign_of_a_seed_of_its_own():
+    drawn = campaign("step", 3).drawn
+    assert list(drawn["seed"].values) == [0, 1, 2] and list(drawn["draw"].values) == [1, 2, 3]
+    for draw in (1, 2):
+        alone = run(settings.assigned(STUDY, ["draws=1", f"seed={draw}"]), show_progress=False).scores()
+        for name in ("bp-fipid", "fipid"):
+            assert of_draws(drawn, name, "ise")[draw] == alone[name]["ise"]
+    assert len(set(of_draws(drawn, "bp-fipid", "ise"))) == 3 and len(set(of_draws(drawn, "fipid", "ise"))) == 1
 
 
 def test_learning_follows_the_gradient():
@@ -184,7 +194,7 @@ def test_learning_follows_the_gradient():
         zeros = (ca.DM.zeros(20), ca.DM.zeros(10))
         state = Acting(**before, p1=0, p2=0, f=0, W2=ca.DM(W2.ravel()), W3=ca.DM(W3.ravel()), W2_change=zeros[0],
                        W3_change=zeros[1])  # fmt: skip
-        memory = law.start(_task())._replace(added=ca.DM(0))
+        memory = law.start(_task(law))._replace(added=ca.DM(0))
         return law.act(memory, state, ca.DM(r), ca.DM(r), ca.DM(y))
 
     u, after = acted(W2, W3)
@@ -202,29 +212,27 @@ def test_learning_follows_the_gradient():
         np.testing.assert_allclose(np.asarray(getattr(after, name)).ravel(), expected, rtol=1e-5, atol=1e-10)
 
 
-def _task():
-    from workbench.contracts.law import Task
-
-    return Task(ca.DM.ones(1, 3), 0.2)
+def _task(law):
+    return Task(ca.DM.ones(1, 3), 0.2, chance=ca.DM(law.chance(0)))
 
 
 def test_given_weights_are_used():
     W2, W3 = drawn(7)
     given = BPFIPID(W2=tuple(W2.ravel()), W3=tuple(W3.ravel()))
-    study = dataclasses.replace(STUDY, seeds=1, controllers={"given": given})
+    study = settings.changed(STUDY, {"draws": 1, "controllers": {"given": given}})
     y, _, _ = loop("step", f_rules, weights=(W2, W3), beta=0.001)
     data = run(study, show_progress=False).data
     np.testing.assert_allclose(data["output"][0, 0, :-1], y, rtol=1e-9, atol=1e-9)
 
 
 def test_units_of_the_law_scale_a_plant_of_another_scale():
-    scaled = dataclasses.replace(
-        STUDY,
-        seeds=1,
-        plant=dataclasses.replace(STUDY.plant, gain=1e-3),
-        controllers={"fipid": FIPID(input_unit=1000.0)},
-        disturbance=100.0,
-    )
+    changes = {
+        "draws": 1,
+        "plant": {"gain": 1e-3},
+        "controllers": {"fipid": FIPID(input_unit=1000.0)},
+        "disturbance": 100.0,
+    }
+    scaled = settings.changed(STUDY, changes)
     ours = run(scaled, show_progress=False).data["output"].values[0, 0]
     np.testing.assert_allclose(ours, campaign("step").data["output"].sel(controller="fipid")[0], rtol=1e-9, atol=1e-9)
 
@@ -239,8 +247,9 @@ def test_units_of_the_law_scale_a_plant_of_another_scale():
         ("controllers.mpc.horizon=3", "there is no setting 'controllers.mpc'"),
         ("traction_delay=0.9", "traction_delay must be a multiple of the sampling time of 0.2 s"),
         ("braking_delay=0.05", "braking_delay must be a multiple"),
-        ("test=ramp", "test must be one of step | curve"),
-        ("seeds=0", "seeds must lie in"),
+        ("test=curve", "there is no setting 'test' any more: the step is the study as declared; run the case curve"),
+        ("curve=7", "curve must be true or false"),
+        ("seeds=0", "draws must lie in"),
         ("grid=[]", "grid must hold at least one gain"),
     ],
 )
@@ -250,16 +259,45 @@ def test_bad_settings_are_refused(assignment, message):
 
 
 def test_a_law_that_cannot_be_disturbed_is_refused():
-    study = dataclasses.replace(STUDY, seeds=1, controllers={"pd": PD()})
-    with pytest.raises(InvalidValue, match="no input for the disturbance"):
-        run(study, show_progress=False)
+    with pytest.raises(InvalidValue, match=r"controllers\.pd must have a field added"):
+        settings.changed(STUDY, {"draws": 1, "controllers": {"pd": PD()}})
+    on_the_curve = settings.changed(STUDY, {"draws": 1, "curve": True, "controllers": {"pd": PD()}})
+    assert run(on_the_curve, show_progress=False).scores()["pd"]["gain_max"] is None
+
+
+def test_what_is_added_must_be_one_number_a_sample():
+    changes = {"draws": 1, "curve": True, "controllers": {"short": FIPID(added=(0.1,) * 5), "fipid": FIPID()}}
+    done = run(settings.changed(STUDY, changes), show_progress=False)
+    stopped = str(done.data["stopped"].sel(controller="short").values)
+    assert "added must hold N = 2175 numbers, one a sample, or none; got 5" in stopped
+
+
+@pytest.mark.parametrize(
+    "assignment",
+    ["seeds=7", "disturbance=0.2", "traction_delay=0.8", "braking_delay=1", "grid=[0.5,0.6]", "tune=false",
+     "plant.denominator=[2,1]", "controllers.fipid.K=0.4", "seed=3"],
+)  # fmt: skip
+def test_settings_keep_their_paths(assignment):
+    path, _, value = assignment.partition("=")
+    now = settings.as_json(settings.assigned(STUDY, [assignment]))
+    for name in {"seeds": "draws"}.get(path, path).split("."):
+        now = now[name]
+    assert now == json.loads(value)
+
+
+@pytest.mark.parametrize("case", STUDY.cases)
+def test_every_case_runs(case):
+    study = settings.changed(settings.in_case(STUDY, case), {"draws": 2, "grid": [0.5, 0.6]})
+    done = run(study, show_progress=False)
+    assert done.data.attrs["case"] == case
+    assert all(row["ise"] is not None for row in done.scores().values())
 
 
 def test_a_run_is_saved_and_loaded(tmp_path):
-    done = campaign("step")
+    done = campaign("curve", 2)
     done.save(tmp_path)
     again = load(tmp_path)
-    assert again.study.test == "step" and again.scores() == done.scores()
+    assert own(again.study).curve and again.scores() == done.scores()
     assert find("ato") is STUDY
 
 

@@ -18,11 +18,12 @@ from verification.checks.jump import find_jump
 from verification.checks.linear_loop import critical_gain, incremental_pid
 from verification.decide.verify import verify
 from verification.enclosure.smoothness import continuous_everywhere
+from workbench.contracts import settings
 from workbench.contracts.verdict import Standing
 from workbench.controllers.bp_fipid import BPFIPID
 from workbench.controllers.fipid import FIPID
 from workbench.controllers.parts.immune import stimulus
-from workbench.trials.campaign import Campaign, run
+from workbench.trials.campaign import run
 
 PROVED, SUPPORTED, REFUTED = Standing.PROVED, Standing.SUPPORTED, Standing.REFUTED
 
@@ -34,7 +35,7 @@ def standings(report):
 @pytest.fixture(scope="module", params=["step", "curve"])
 def report(request):
     return request.param, verify(
-        run(dataclasses.replace(STUDY, test=request.param), show_progress=False), show_progress=False
+        run(settings.changed(STUDY, {"curve": request.param == "curve"}), show_progress=False), show_progress=False
     )
 
 
@@ -88,34 +89,50 @@ def test_the_witness_of_the_jump_replays(report):
 
 
 def test_claims_that_would_hold_elsewhere_hold():
-    quick = dataclasses.replace(
-        STUDY,
-        test="curve",
-        seeds=3,
-        tune=False,
-        controllers={
+    changes = {
+        "curve": True,
+        "draws": 3,
+        "tune": False,
+        "controllers": {
             "fipid": FIPID(K=0.05),
             "bp-fipid": BPFIPID(beta=0.005, f="smooth"),
             "bp-frozen": BPFIPID(beta=0.0, f="smooth"),
             "fixed-best": FIPID(K=0.1, eta=1.0),
         },
-    )
+    }
+    quick = settings.changed(STUDY, changes)
     found = standings(verify(run(quick, show_progress=False), show_progress=False))
     assert found["better_than_fixed_gain", "bp-fipid"] is SUPPORTED
     assert found["f_continuous", "bp-fipid"] is PROVED
 
 
-def test_claims_that_hold_are_refuted_by_records_that_break_them():
-    done = run(dataclasses.replace(STUDY, test="curve", seeds=3, tune=False), show_progress=False)
-    data = done.data.copy(deep=True)
-    at = {"controller": "bp-fipid", "seed": 2}
-    data["output"].loc[at] += np.where(np.arange(2176) == 900, 0.5, 0.0)
-    data["p1"].loc[at] = 9.0
-    for name in ("ise", "iae", "itse", "itae"):
-        data[name].loc[{"controller": "bp-fipid"}] = 1e9
-    found = standings(verify(Campaign(done.study, data), examine(Campaign(done.study, data)), show_progress=False))
+def test_claims_that_hold_are_refuted_by_draws_that_break_them():
+    done = run(settings.changed(STUDY, {"curve": True, "draws": 3, "tune": False}), show_progress=False)
+    drawn = done.drawn.copy(deep=True)
+    drawn["scores"].loc[{"controller": "bp-fipid", "draw": 2, "score": ["max_jerk", "gain_max"]}] = 9.0
+    drawn["scores"].loc[{"controller": "bp-fipid", "score": ["ise", "iae", "itse", "itae"]}] = 1e9
+    broken = dataclasses.replace(done, drawn=drawn)
+    report = verify(broken, examine(broken), show_progress=False)
+    found = standings(report)
     for claim in ("jerk_limit", "critical_gain", "network_learns", "better_than_fipid"):
         assert found[claim, "bp-fipid"] is REFUTED, claim
+    (jerk,) = [v for v in report.verdicts if v.claim == "ato.jerk_limit" and v.controller == "bp-fipid"]
+    assert (jerk.witness["draw"], jerk.witness["seed"]) == (2, 1)
+
+
+def test_the_witness_of_a_draw_is_that_of_the_draw_run_alone(report):
+    _, done = report
+    study = done.campaign.study
+    for claim in ("jerk_limit", "critical_gain"):
+        (verdict,) = [v for v in done.verdicts if v.claim == f"ato.{claim}" and v.controller == "bp-fipid"]
+        alone = run(dataclasses.replace(study, seed=verdict.witness["seed"], draws=1), show_progress=False)
+        one, k = alone.data.sel(controller="bp-fipid", trial=1), verdict.witness["sample"]
+        if claim == "jerk_limit":
+            y = one["output"].values
+            assert abs(y[k + 1] - 2 * y[k] + y[k - 1]) / 0.04 == pytest.approx(verdict.witness["jerk"], rel=1e-12)
+        else:
+            gain = float(one["p1"][k] - one["p2"][k] * one["f"][k])
+            assert gain == pytest.approx(verdict.witness["p1 - p2 f"], rel=1e-12)
 
 
 @pytest.mark.parametrize(("kind", "standing"), [("rules", REFUTED), ("smooth", PROVED)])

@@ -14,17 +14,17 @@ from scipy.signal import butter, filtfilt
 from models.maglev import Maglev
 from models.quantity import InvalidValue
 from studies.maglev.study import STUDY
+from workbench.contracts import settings
 from workbench.contracts.law import Task, Trial
 from workbench.controllers.palc_filtered import FilteredPALC
 from workbench.controllers.parts.shuttle_force import late_by
-from workbench.trials import settings
 from workbench.trials.campaign import run
 
 M, G, N, TS = 90_000.0, 9.81, 3, 0.01
 
 
-def campaign(*assignments, only=()):
-    study = settings.assigned(STUDY, assignments)
+def campaign(*assignments, case="", only=()):
+    study = settings.assigned(settings.in_case(STUDY, case), assignments)
     if only:
         study = dataclasses.replace(study, controllers={name: study.controllers[name] for name in only})
     return run(study, show_progress=False)
@@ -67,7 +67,9 @@ def step(x, v, force):
 @pytest.mark.parametrize("name", ["pid", "palc"])
 def test_recorded_periods_replay(name, defaults):
     data = defaults.data.sel(controller=name)
-    r_x, r_v = data["reference"].values.tolist(), data["reference_speed"].values.tolist()
+    r_x, r_v = data["reference"].values.tolist()
+    y_x, y_v = (data["output"].sel(output_name=output).values for output in ("position", "speed"))
+    assert data["applied"].identical(data["input"].assign_attrs(data["applied"].attrs).rename("applied"))
     n, x, v, integral, d_hat = len(r_x) - 1, 0.0, 0.0, 0.0, [0.0] * 17800
     for period in range(3):
         for k in range(n):
@@ -79,8 +81,8 @@ def test_recorded_periods_replay(name, defaults):
             integral += e_x * TS
             if k % 500 == 0:
                 assert float(data["input"][period, k]) == pytest.approx(u, abs=1e-3)
-                assert float(data["output"][period, k]) == pytest.approx(x, abs=1e-8)
-                assert float(data["output_speed"][period, k]) == pytest.approx(v, abs=1e-8)
+                assert float(y_x[period, k]) == pytest.approx(x, abs=1e-8)
+                assert float(y_v[period, k]) == pytest.approx(v, abs=1e-8)
                 assert float(data["line_resistance"][period, k]) == pytest.approx(line_resistance(x, v), abs=1e-4)
             x, v = step(x, v, u)
 
@@ -105,7 +107,7 @@ def test_derivatives_are_finite_everywhere_and_at_rest():
 def test_the_published_errors_are_reached(defaults):
     scores = defaults.scores()
     pid, palc = scores["pid"], scores["palc"]
-    errors = np.abs(defaults.data["error"].sel(controller="palc").values).max(axis=1)
+    errors = np.abs(defaults.data["error"].sel(controller="palc", output_name="position").values).max(axis=1)
     assert 2.9 < pid["max_position_error_last"] < 3.2
     assert (np.diff(errors) < 0).all()
     assert errors[4] < 0.7 and errors[16] < 0.045
@@ -117,14 +119,15 @@ def test_the_published_errors_are_reached(defaults):
 
 def test_scores_are_what_plain_loops_count(defaults):
     one = defaults.data.sel(controller="palc").isel(trial=-1)
-    x, u, e = (one[name].values for name in ("output", "input", "error"))
+    x, e = (one[name].sel(output_name="position").values for name in ("output", "error"))
+    u, r = one["input"].values, one["reference"].sel(output_name="position").values
     used = sum(max(u[k] * (x[k + 1] - x[k]), 0.0) for k in range(17800)) / 3.6e6
     itae = sum(k * TS * abs(e[k]) * TS for k in range(17801))
     scores = defaults.scores()["palc"]
     assert scores["energy_kwh_last"] == pytest.approx(used, rel=1e-12)
     assert scores["itae_last"] == pytest.approx(itae, rel=1e-3)
-    r = one["reference"].values
-    graded = [abs(one["error_speed"].values[k]) for k in range(17801) if 800 <= r[k] < 1100 or 1250 <= r[k] < 1400]
+    e_v = one["error"].sel(output_name="speed").values
+    graded = [abs(e_v[k]) for k in range(17801) if 800 <= r[k] < 1100 or 1250 <= r[k] < 1400]
     assert scores["max_speed_error_grade"] == pytest.approx(max(graded), rel=1e-12)
 
 
@@ -134,52 +137,59 @@ def test_halving_the_step_changes_little(defaults):
 
 
 def test_lag_and_dead_time_break_palc_and_not_the_filtered_law():
-    done = campaign("actuator.lag=0.4", "actuator.delay=0.6", "periods=40", only=["palc", "palc-filtered"])
-    palc, filtered = np.abs(done.data["error"].values).max(axis=2)
+    done = campaign("trials=40", case="lagging", only=["palc", "palc-filtered"])
+    palc, filtered = np.abs(done.data["error"].sel(output_name="position").values).max(axis=2)
     assert palc[16] > 10 and palc[39] > 1000
     assert (filtered[16:] < 0.5).all() and filtered[39] < 0.25
-    assert "applied_force" in done.data and done.data.sizes["trial"] == 40
+    assert not done.data["applied"].equals(done.data["input"]) and done.data.sizes["trial"] == 40
 
 
 def test_a_flat_line_leaves_nothing_to_learn():
-    scores = campaign("line=flat", "periods=3").scores()
+    scores = campaign("trials=3", case="flat").scores()
     assert all(row["max_position_error_last"] < 1e-3 for row in scores.values())
     assert scores["palc"]["max_speed_error_curve"] is None and scores["palc"]["max_speed_error_grade"] is None
 
 
-@pytest.mark.parametrize(("error", "low", "high"), [("0.1", 0.1, 0.25), ("-0.1", 0.05, 0.25), ("1", 0.6, 1.2)])
-def test_a_wrong_period_costs_what_it_shifts(error, low, high):
-    for row in campaign(f"period_error={error}", only=["palc", "palc-filtered"]).scores().values():
+@pytest.mark.parametrize(
+    ("case", "low", "high"),
+    [
+        ("period-100-ms-too-long", 0.1, 0.25),
+        ("period-100-ms-too-short", 0.05, 0.25),
+        ("period-1-s-too-long", 0.6, 1.2),
+    ],
+)
+def test_a_wrong_period_costs_what_it_shifts(case, low, high):
+    for row in campaign(case=case, only=["palc", "palc-filtered"]).scores().values():
         assert low < row["max_position_error_last"] < high
 
 
 def test_noise_has_the_density_asked_for():
-    study = settings.assigned(STUDY, ["noise.force_psd=1e6", "periods=2"]).trial_study
+    study = settings.assigned(settings.in_case(STUDY, "noisy"), ["trials=2"])
     w = np.concatenate([one.w for one in study.inputs()], axis=1)
     assert w.shape == (1, 35600)
     assert w.var() * TS == pytest.approx(1e6, rel=0.03)
+    assert not study.scenario.disturbance.repeats and np.isinf(study.scenario.disturbance.bound(study.plant)).all()
+    assert STUDY.scenario.disturbance.repeats and not STUDY.scenario.disturbance.bound(STUDY.plant).any()
 
 
 def test_a_saturated_force_is_what_acts_and_is_not_learned_from():
-    done = campaign("force_limit=95000", "periods=3")
-    acted, told = done.data["applied_force"].values, done.data["input"].values
+    done = campaign("trials=3", case="limited")
+    acted, told = done.data["applied"].values, done.data["input"].values
     np.testing.assert_array_equal(acted[..., :-1], np.clip(told, -95000, 95000)[..., :-1])
     assert (np.abs(told[..., :-1]) > 95000).any()
 
 
-def test_a_limit_is_the_same_however_it_was_given():
-    ways = (["force_limit=95000"], ["actuator.lower=-95000", "actuator.upper=95000"])
-    ways += (
-        ["force_limit=95000", "actuator.lower=-2e5"],
-        ["force_limit=2e5", "actuator.lower=-95000", "actuator.upper=95000"],
-    )
-    first, *others = [
-        campaign(*way, "periods=4", only=["palc-filtered"]).data["law_line_resistance"].values for way in ways
-    ]
-    for other in others:
-        np.testing.assert_array_equal(other, first)
-    free = campaign("periods=4", only=["palc-filtered"]).data["law_line_resistance"].values
-    half = campaign("actuator.upper=95000", "periods=4", only=["palc-filtered"]).data["law_line_resistance"].values
+def test_a_limit_of_the_law_s_own_is_learned_from_like_the_actuator_s():
+    def learned(*assignments, case="", **fields):
+        laws = {"palc-filtered": dataclasses.replace(STUDY.controllers["palc-filtered"], **fields)}
+        study = settings.assigned(settings.in_case(STUDY, case), [*assignments, "trials=4"])
+        done = run(dataclasses.replace(study, controllers=laws), show_progress=False)
+        return done.data["law_line_resistance"].values
+
+    first = learned(case="limited")
+    np.testing.assert_array_equal(learned(case="limited", limit=2e5), first)
+    np.testing.assert_array_equal(learned("actuator.lower=-95000", "actuator.upper=95000"), first)
+    free, half = learned(), learned("actuator.upper=95000")
     assert not np.array_equal(free, first) and not np.array_equal(half, first) and not np.array_equal(half, free)
 
 
@@ -193,9 +203,10 @@ def test_what_a_wrong_period_reads(late):
 def test_the_filtered_law_learns_with_lead_filter_and_freezing():
     rng, n = np.random.default_rng(5), 400
     model = Maglev(sampling_time=0.1)
-    law = FilteredPALC(model=model, limit=9.0, lead_s=0.3, q_cutoff_hz=0.7)
+    task = Task(ca.DM.zeros(2, n + 1), ca.DM(0.1), model=model)
+    law = FilteredPALC(limit=9.0, lead_s=0.3, q_cutoff_hz=0.7).ready_for(task)
     y, u, d_hat = rng.normal(size=(2, n + 1)), rng.normal(0, 6, (1, n)), rng.normal(size=(1, n))
-    memory = law.start(Task(ca.DM.zeros(2, n + 1), 0.1))._replace(d_hat=ca.DM(d_hat))
+    memory = law.start(task)._replace(d_hat=ca.DM(d_hat))
     trial = Trial(ca.DM.zeros(2, n + 1), ca.DM(y), ca.DM(-y), ca.DM(u), ca.DM.ones(1, n + 1), ())
     got = law.learn(memory, trial)
     x = ca.MX.sym("x")
@@ -217,15 +228,15 @@ def test_the_filtered_law_learns_with_lead_filter_and_freezing():
         ("plant.line.curve_radii_m=[0]", "curve_radii_m must be above 0 m"),
         ('plant.line={"curve_starts_m":[0,50],"curve_ends_m":[60,90],"curve_radii_m":[9,9]}', "without overlap"),
         ("plant.length=2000", "length must be at most that of the line, 1580 m"),
-        ("period_error=0.005", r"period_error must be a multiple of the sampling time of 0\.01 s"),
-        ("period_error=100", "period_error must lie below half the period"),
+        ("period_error=0.1", r"there is no setting 'period_error' any more: set controllers\.palc\.late"),
+        ("controllers.palc.late=0.5", r"controllers\.palc\.late must be a whole number"),
         ("actuator.delay=0.005", r"actuator\.delay must be a multiple of the sampling time"),
         ("actuator.lag=-1", r"actuator\.lag must lie in"),
-        ("force_limit=0", "force_limit must lie in"),
-        ("noise.force_psd=-1", r"noise\.force_psd must lie in"),
-        ("line=steep", r"line must be one of paper \| flat"),
+        ("force_limit=95000", "there is no setting 'force_limit' any more: set actuator.lower and actuator.upper"),
+        ("noise.force_psd=-1", r"disturbance\.force_psd must lie in"),
+        ("line=steep", r"plant\.line must be one of paper \| flat"),
         ("reference.speed=60", "speed must be reached within the distance"),
-        ("periods=0", "periods must lie in"),
+        ("periods=0", "trials must lie in"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(assignment, message):
@@ -234,9 +245,46 @@ def test_bad_input_is_refused_in_one_line(assignment, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("assignment", "path", "value"),
+    [
+        ("periods=3", "trials", 3),
+        ("line=flat", "plant.line", "flat"),
+        ("noise.force_psd=10", "disturbance.force_psd", 10.0),
+        ("plant.line.curve_radii_m=[200]", "plant.line.curve_radii_m", [200.0]),
+        ("controllers.palc.late=-10", "controllers.palc.late", -10),
+    ],
+)
+def test_old_settings_have_a_new_path(assignment, path, value):
+    now = settings.as_json(settings.assigned(STUDY, [assignment]))
+    for name in path.split("."):
+        now = now[name]
+    assert now == value
+
+
+@pytest.mark.parametrize("case", STUDY.cases)
+def test_every_case_runs(case):
+    study = settings.in_case(STUDY, case)
+    done = run(settings.changed(study, {"trials": 2}), show_progress=False)
+    assert done.data.attrs["case"] == case and study.plant_that_runs is not None
+    assert all(row["max_position_error_last"] < 10 for row in done.scores().values())
+    fields = {path: value for path, value in STUDY.cases[case].items()}
+    assert fields and settings.as_json(study) != settings.as_json(STUDY)
+
+
+def test_the_laws_are_told_the_train_as_it_is_believed_to_be():
+    heavy = settings.assigned(STUDY, ["truth.mass=1.2", "trials=1"])
+    assert heavy.law("palc").model.mass == M and heavy.true_plant.mass == pytest.approx(1.2 * M)
+    done = run(heavy, show_progress=False)
+    x, v = (done.data["output"].sel(controller="pid", trial=1, output_name=one).values for one in ("position", "speed"))
+    d = done.data["line_resistance"].sel(controller="pid", trial=1).values
+    for k in range(0, 17801, 1000):
+        assert d[k] == pytest.approx(1.2 * line_resistance(x[k], v[k]), abs=1e-4)
+
+
 @pytest.mark.parametrize("field", ["q_cutoff_hz=80", "lead_s=200"])
 def test_a_filter_or_lead_that_does_not_fit_is_refused_for_that_law(field):
-    done = campaign(f"controllers.palc-filtered.{field}", "periods=1")
+    done = campaign(f"controllers.palc-filtered.{field}", "trials=1")
     assert field.split("=")[0] in str(done.data["stopped"].sel(controller="palc-filtered").values)
     assert done.scores()["palc-filtered"]["max_position_error_last"] is None
 

@@ -13,7 +13,7 @@ from studies.maglev.period_contraction import Loop
 from studies.maglev.reversal import turns
 from studies.maglev.study import STUDY
 from verification.decide.verify import examination_of, judge, verify
-from workbench.trials import settings
+from workbench.contracts import settings
 from workbench.trials.campaign import run
 
 DEFAULTS = {
@@ -37,8 +37,8 @@ DEFAULTS = {
 PLAIN = Loop(0.4, 0.22, 0.2, 0.0, 0.0, 1e-9, False, None, 0.0)
 
 
-def campaign(*assignments, only=()):
-    study = settings.assigned(STUDY, assignments)
+def campaign(*assignments, case="", only=()):
+    study = settings.assigned(settings.in_case(STUDY, case), assignments)
     if only:
         study = dataclasses.replace(study, controllers={name: study.controllers[name] for name in only})
     return run(study, show_progress=False)
@@ -63,20 +63,20 @@ def test_every_claim_stands_as_known_at_the_defaults():
 
 
 def test_checks_can_say_the_opposite():
-    lagging = campaign("actuator.lag=0.4", "actuator.delay=0.6", only=["palc"])
+    lagging = campaign(case="lagging", only=["palc"])
     for name in ("periodicity", "period_contraction", "lyapunov_decrease"):
         assert str(standing(lagging, name, "palc").standing) == "REFUTED", name
-    short = campaign("periods=2", only=["palc"])
+    short = campaign("trials=2", only=["palc"])
     assert str(standing(short, "period_contraction", "palc").standing) == "UNDECIDED"
-    one = campaign("periods=1", only=["palc"])
+    one = campaign("trials=1", only=["palc"])
     assert str(standing(one, "periodicity", "palc").standing) == "UNDECIDED"
     assert str(standing(one, "lyapunov_decrease", "palc").standing) == "UNDECIDED"
 
 
 def test_a_flat_line_turns_with_the_train_and_noise_can_help_where_nothing_is_learned():
-    flat = campaign("line=flat", "periods=2", only=["palc"])
+    flat = campaign("trials=2", case="flat", only=["palc"])
     assert str(standing(flat, "reversal", None).standing) == "SUPPORTED"
-    single = campaign("periods=1", "seed=3", only=["palc"])
+    single = campaign("trials=1", "seed=3", only=["palc"])
     verdict = standing(single, "noise_claim", None)
     assert (str(verdict.standing) == "SUPPORTED") is (verdict.witness["with_noise"] <= verdict.witness["without_noise"])
 

@@ -18,9 +18,9 @@ from verification.checks import convergence
 from verification.decide.verify import judge
 from verification.theorems.conclusion import boxes, paragraphs
 from verification.theorems.learning import Dossier, claims_of, dossiers, examine, scores
+from workbench.contracts import settings
 from workbench.contracts.verdict import Standing, Verdict
 from workbench.evidence import ppd
-from workbench.trials import settings
 from workbench.trials.campaign import load, run
 
 PROVED, SUPPORTED, REFUTED = Standing.PROVED, Standing.SUPPORTED, Standing.REFUTED

@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import control
 import numpy as np
 import pytest
 
+from models.actuator import Actuator
 from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
 from studies.same_plant.claims import whose_proof
 from verification.checks.linear_loop import incremental_pid, observed, positional_pid, spectral_radius
 from verification.decide.verify import verify
+from workbench.contracts.scenario import Between
+from workbench.contracts.study import Study
 from workbench.contracts.verdict import Standing
 from workbench.controllers.cfdl import CFDL
+from workbench.controllers.fipid import FIPID
+from workbench.controllers.pid import PID
+from workbench.controllers.tracking_mpc import TrackingMPC
 from workbench.design.table import compare
-from workbench.trials.study import TrialStudy
 
 PROVED, SUPPORTED, REFUTED, UNDECIDED = Standing.PROVED, Standing.SUPPORTED, Standing.REFUTED, Standing.UNDECIDED
-SMALL = TrialStudy(plant=PointMass(), reference=MetroProfile(horizon=120), controllers={"cfdl": CFDL()})
-FREE = ["actuator.lower=null", "actuator.upper=null", "actuator.rate=null", "mass_off_percent=0"]
+SMALL = Study(
+    plant=PointMass(),
+    reference=MetroProfile(horizon=120),
+    controllers={"own": CFDL()},
+    actuator=Actuator(lower=-450e3, upper=450e3, rate=500e3),
+    noise=0.05,
+    truth={"mass": 1.1},
+)
+FREE = ["actuator.lower=null", "actuator.upper=null", "actuator.rate=null", "truth.mass.factor=1"]
 
 
 def standings(laws, *assignments):
@@ -56,7 +70,7 @@ def test_without_limits_the_plant_is_smooth():
     found, _ = standings(["pid", "icfdl"], *FREE)
     assert found["A1", "icfdl"] is PROVED
     assert found["unsaturated", "pid"] is PROVED
-    wide = ["actuator.lower=-1e9", "actuator.upper=1e9", "actuator.rate=null", "noise.speed_sigma=0"]
+    wide = ["actuator.lower=-1e9", "actuator.upper=1e9", "actuator.rate=null", "noise.sigma=0"]
     found, _ = standings(["pid"], *wide)
     assert found["unsaturated", "pid"] is SUPPORTED
 
@@ -86,6 +100,27 @@ def test_what_palc_and_variable_gain_need():
     assert found["known_model", "palc"] is PROVED and found["contraction", "variable-gain"] is REFUTED
     words = {row[0]: row[2] for row in report.tables[1].rows}
     assert words["palc"].startswith("applies as far as checked") and words["variable-gain"].startswith("does not")
+
+
+def test_what_a_law_knows_is_held_against_what_every_trial_has():
+    drawn = dataclasses.replace(SMALL, truth={"mass": Between(low=0.9, high=1.02), "b0_mean": 1.0})
+    done = compare(drawn, ["palc"], ["trials=4", "budget=1"], show_progress=False)
+    (found,) = [v for v in verify(done, show_progress=False).verdicts if v.claim == "same-plant.known_model"]
+    assert found.standing is REFUTED and found.margin == pytest.approx(-100 * (1 / 0.9 - 1))
+    assert found.witness == {"mass that the law knows": 350_000.0, "mass of the plant": pytest.approx(315_000.0)}
+
+
+def test_claims_follow_from_what_laws_declare_whatever_they_are_called():
+    own = {"one": PID(input_unit=1e5), "two": FIPID(f="smooth", input_unit=1e5), "three": TrackingMPC(input_unit=1e5)}
+    done = compare(dataclasses.replace(SMALL, controllers=own), [*own], ["budget=1", "trials=2"], show_progress=False)
+    names = {(v.claim.split(".", 1)[1], v.controller) for v in verify(done, show_progress=False).verdicts}
+    assert names == {
+        *(("unsaturated", name) for name in own),
+        ("stable_loop", "one"),
+        ("stable_loop", "two"),
+        ("f_continuous", "two"),
+        ("qp_solved", "three"),
+    }
 
 
 def test_a_loop_is_refuted_when_its_gain_is_too_large():

@@ -10,11 +10,13 @@ import pytest
 
 from models.quantity import InvalidValue
 from studies.stopping.record import predicted_errors
+from studies.stopping.settings import own
+from workbench.contracts.settings import assigned, in_case
 from workbench.trials.campaign import load, run
 from workbench.trials.find import find
-from workbench.trials.settings import assigned
 
 STUDY = find("stopping")
+OWN = own(STUDY)
 TAU, T, C, H = 0.4, 0.2, -1.07, 0.01
 
 
@@ -38,10 +40,10 @@ def test_laws_are_named_as_documented(campaign):
 def test_configuration_a_stops_as_the_notes_expect(campaign):
     scores = campaign.scores()
     error = {name: row["stop_error_cm"] for name, row in scores.items()}
-    assert all(15 <= error[f"rmpc-n{N}"] <= 30 for N in STUDY.lengths) and error["rmpc-n15"] < error["rmpc-n3"]
-    assert all(abs(error[f"rsmpc-n{N}"]) <= 50 for N in STUDY.lengths)
+    assert all(15 <= error[f"rmpc-n{N}"] <= 30 for N in OWN.lengths) and error["rmpc-n15"] < error["rmpc-n3"]
+    assert all(abs(error[f"rsmpc-n{N}"]) <= 50 for N in OWN.lengths)
     assert abs(error["ideal-mpc"]) < 0.5
-    assert all(abs(error[f"offset-free-n{N}"]) < 1 for N in STUDY.lengths)
+    assert all(abs(error[f"offset-free-n{N}"]) < 1 for N in OWN.lengths)
     for N, most in ((3, 0.6), (5, 0.3), (10, 0.15), (15, 0.15)):
         assert scores[f"rsmpc-n{N}"]["updates"] <= most * scores[f"rmpc-n{N}"]["updates"]
     assert all(row["infeasible"] == 0 for row in scores.values())
@@ -54,7 +56,7 @@ def test_the_euler_model_stops_short():
 
 def test_configuration_b_is_the_same_for_every_horizon():
     scores = outcome("config=B")[1]
-    errors = [scores[f"rmpc-n{N}"]["stop_error_cm"] for N in STUDY.lengths]
+    errors = [scores[f"rmpc-n{N}"]["stop_error_cm"] for N in OWN.lengths]
     assert max(errors) - min(errors) < 0.01
 
 
@@ -156,11 +158,13 @@ def test_an_infeasible_sample_is_recorded_with_its_reason():
 
 def test_a_random_resistance_lies_inside_w_and_is_repeated():
     seeded = assigned(STUDY, ["resistance.seed=4"])
-    blocks = np.array(seeded.plant.blocks)
+    blocks = np.array(seeded.plant.plant.blocks)
     assert blocks.size == 60 and (blocks >= -0.06).all() and (blocks <= 0.30).all()
-    assert seeded.plant.blocks == assigned(STUDY, ["resistance.seed=4"]).plant.blocks
-    assert STUDY.plant.blocks is None and float(STUDY.plant.resistance(0.0, 350.0)) < 0
-    steeper = assigned(STUDY, ["grade.last=3"]).plant
+    assert seeded.plant == assigned(STUDY, ["resistance.seed=4"]).plant
+    assert seeded.plant == assigned(STUDY, ["resistance.seed=1", "seed=3"]).plant != assigned(seeded, ["seed=1"]).plant
+    line = STUDY.plant.plant
+    assert line.blocks is None and float(line.resistance(0.0, 350.0)) < 0
+    steeper = assigned(STUDY, ["grade.last=3"]).plant.plant
     assert float(steeper.resistance(0.0, 350.0)) == pytest.approx(0.0054 + 9.81 * 3 / 1000)
 
 
@@ -239,4 +243,50 @@ def test_a_design_without_room_is_told(setting, message):
 def test_a_train_that_never_stops_has_no_stopping_error():
     done, scores = outcome("horizons=[3]", "brake.blocks=[-1.2]")
     assert all(row["stop_error_cm"] is None for row in scores.values())
-    assert done.data["stop_time"].isnull().all() and done.data.sizes["sample"] == STUDY.most_samples
+    assert done.data["stop_time"].isnull().all() and done.data.sizes["sample"] == OWN.most_samples + 1
+
+
+def test_old_names_stand_beside_the_common_ones(campaign):
+    data = campaign.data
+    for old, new in {
+        "speed": data["output"].sel(output_name="speed"),
+        "position": data["state_position"],
+        "command": data["input"],
+        "hold": data["law_hold"],
+        "cost": data["law_cost"],
+    }.items():
+        new = new.isel(trial=0)
+        assert data[old].dims == ("controller", "sample")
+        one = data[old].sel(controller="rmpc-n5").values
+        ran = ~np.isnan(one)
+        np.testing.assert_array_equal(one[ran], new.sel(controller="rmpc-n5").values[ran])
+    stood = data["trial_length"].isel(trial=0)
+    end = data["output"].isel(trial=0).sel(sample=stood)
+    assert (end.sel(output_name="speed") == 0).all()
+    np.testing.assert_array_equal(end.sel(output_name="position"), data["stop_position"])
+    assert (data["speed"].notnull().sum("sample") == stood).all()
+    assert ((data["stop_time"] <= stood * T) & (data["stop_time"] > (stood - 1) * T)).all()
+
+
+def test_draws_of_the_random_case_are_campaigns_of_other_seeds():
+    study = assigned(in_case(STUDY, "random"), ["horizons=[3]", "draws=3"])
+    drawn = run(study, show_progress=False)
+    for draw in range(3):
+        alone = run(assigned(STUDY, ["horizons=[3]", f"resistance.seed={draw}"]), show_progress=False).scores()
+        for name, row in alone.items():
+            found = float(drawn.drawn["scores"].sel(controller=name, score="stop_error_cm")[draw])
+            assert found == row["stop_error_cm"], (draw, name)
+
+
+@pytest.mark.parametrize("case", ["random", "B", "euler", "cold"])
+def test_cases_are_the_settings_that_they_name(case):
+    changed, expected = (
+        in_case(STUDY, case),
+        {
+            "random": ["resistance.seed=0"],
+            "B": ["config=B"],
+            "euler": ["model=euler"],
+            "cold": ["start=cold"],
+        }[case],
+    )
+    assert changed.own == assigned(STUDY, expected).own != OWN and changed.plant == assigned(STUDY, expected).plant

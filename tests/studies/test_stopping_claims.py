@@ -12,11 +12,13 @@ from brake_tubes import brake_tube
 from studies.stopping import claims
 from studies.stopping import outcomes as stopping_outcomes
 from studies.stopping.design import Control
+from studies.stopping.settings import own
 from verification.checks import predictive as predictive_checks
 from verification.checks import tube as tube_checks
 from verification.checks.feasibility import simulate
 from verification.decide.verify import judge
 from verification.enclosure.exact_schur import proved_schur
+from workbench.contracts.settings import assigned
 from workbench.contracts.verdict import Standing
 from workbench.controllers.rmpc import RMPC
 from workbench.controllers.rsmpc import RSMPC
@@ -24,7 +26,6 @@ from workbench.predictive.quadratic_program import Infeasible
 from workbench.sets import Polytope
 from workbench.trials.campaign import run
 from workbench.trials.find import find
-from workbench.trials.settings import assigned
 
 STUDY = find("stopping")
 
@@ -159,12 +160,12 @@ def small():
 
 def test_all_of_w_refutes_rmpc_with_a_witness_that_replays(small):
     study = small.study
-    finding = stopping_outcomes.robustly_within(study, "rmpc-n3", range(2))
+    finding = stopping_outcomes.robustly_within(study, "rmpc-n3", 2)
     assert finding.standing is Standing.REFUTED
     replayed = assigned(study, [finding.witness["setting"]])
     again = stopping_outcomes.stop(replayed, replayed.controllers["rmpc-n3"])
     assert again.error_cm == pytest.approx(finding.witness["stop_error_cm"]) and abs(again.error_cm) > 50
-    assert stopping_outcomes.robustly_within(study, "offset-free-n3", range(1)).standing is Standing.SUPPORTED
+    assert stopping_outcomes.robustly_within(study, "offset-free-n3", 1).standing is Standing.SUPPORTED
 
 
 def test_standings_of_a_campaign(small):
@@ -206,9 +207,12 @@ def test_checks_of_a_run_see_what_is_wrong(small):
 
 def test_a_negative_control_of_the_study_reaches_the_claim():
     study = assigned(STUDY, ["tube.ignore_delay=true", "horizons=[3]"])
-    finding = claims._feasible(study, None, "rmpc", 3, 30)
+    finding = claims._feasible(study, own(study), "rmpc", 3, 30)
     assert finding.standing is Standing.REFUTED
-    assert claims._feasible(study, {"tube": Control()}, "rmpc", 3, 30).standing is Standing.SUPPORTED
+    assert (
+        claims._feasible(study, dataclasses.replace(own(study), tube=Control()), "rmpc", 3, 30).standing
+        is Standing.SUPPORTED
+    )
 
 
 @pytest.mark.slow
@@ -216,5 +220,5 @@ def test_a_negative_control_of_the_study_reaches_the_claim():
 @pytest.mark.parametrize("kind", ["rmpc", "rsmpc"])
 def test_every_setting_stays_feasible(config, kind):
     study = assigned(STUDY, [f"config={config}"])
-    for N in study.lengths:
-        assert claims._feasible(study, None, kind, N, 200).standing is Standing.SUPPORTED
+    for N in own(study).lengths:
+        assert claims._feasible(study, own(study), kind, N, 200).standing is Standing.SUPPORTED

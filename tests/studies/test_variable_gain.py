@@ -9,12 +9,12 @@ import pytest
 
 from models.quantity import InvalidValue
 from studies.variable_gain.study import STUDY
-from workbench.trials import settings
+from workbench.contracts import settings
 from workbench.trials.campaign import run
 
 
-def campaign(*assignments):
-    return run(settings.assigned(STUDY, assignments), show_progress=False)
+def campaign(*assignments, case=""):
+    return run(settings.assigned(settings.in_case(STUDY, case), assignments), show_progress=False)
 
 
 def overlap(a, b, c, d):
@@ -50,15 +50,15 @@ def trial(s, v, forces):
 @pytest.mark.parametrize("name", ["variable", "fixed"])
 def test_recorded_trials_replay(name):
     data = campaign("trials=4").data.sel(controller=name)
-    r_s, r_v = data["reference"].values.tolist(), data["reference_speed"].values.tolist()
+    r_s, r_v = data["reference"].values.tolist()
     n = len(r_s) - 1
     forces = [(r_v[i + 1] - r_v[i]) / 0.1 for i in range(n)]
     start = [0.8, 0.3]
     for i in range(4):
         rows = trial(*start, forces)
         np.testing.assert_allclose(data["input"][i, :-1], forces, atol=1e-8)
-        np.testing.assert_allclose(data["output"][i], [s for s, _ in rows], atol=1e-6)
-        np.testing.assert_allclose(data["output_speed"][i], [v for _, v in rows], atol=1e-8)
+        np.testing.assert_allclose(data["output"][i].sel(output_name="position"), [s for s, _ in rows], atol=1e-6)
+        np.testing.assert_allclose(data["output"][i].sel(output_name="speed"), [v for _, v in rows], atol=1e-8)
         e = [r_v[j] - rows[j][1] for j in range(n + 1)]
         mean = sum(map(abs, e)) / (n + 1)
         for j in range(n):
@@ -77,12 +77,12 @@ def test_the_defaults_converge_and_the_initial_error_shrinks_by_two_fifths():
         assert scores["max_position_error_last"] < 0.01
         assert scores["max_speed_error_last"] < 5e-4
         assert scores["initial_position_ratio"] == pytest.approx(0.4, abs=1e-9)
-    start = done.data["error"].isel(sample=0).values[:, :12]
+    start = done.data["error"].sel(output_name="position").isel(sample=0).values[:, :12]
     np.testing.assert_allclose(start[:, 1:] / start[:, :-1], 0.4, atol=1e-9)
 
 
 def test_without_initial_learning_the_speed_error_stays():
-    for scores in campaign("initial_learning=false").scores().values():
+    for scores in campaign(case="without-initial-learning").scores().values():
         assert scores["max_speed_error_last"] == pytest.approx(0.30, abs=0.01)
         assert scores["max_position_error_last"] > 10
         assert scores["trials_to_tolerance"] is None
@@ -98,18 +98,18 @@ def test_a_gain_that_is_too_large_is_caught_early(mismatch, diverges):
 
 
 def test_noise_alone_is_no_divergence_and_smoothing_helps():
-    rough = campaign("noise.speed_sigma=0.02").scores()["variable"]
-    smooth = campaign("noise.speed_sigma=0.02", "controllers.variable.smoothing_s=1").scores()["variable"]
+    rough = campaign(case="noise").scores()["variable"]
+    smooth = campaign(case="noise-smoothed").scores()["variable"]
     assert rough["diverged_at_trial"] is None
     assert smooth["max_speed_error_last"] < rough["max_speed_error_last"] / 3
 
 
 def test_random_starts_come_from_the_seed():
     one, again, other = (
-        campaign("trials=2", "initial.random_sigma=1", f"seed={seed}").data["error"][0, 0, 0] for seed in (1, 1, 2)
+        campaign("trials=2", "initial.random_sigma=1", f"seed={seed}").data["error"][0, 0, 0, 0] for seed in (1, 1, 2)
     )
     assert one == again and one != other
-    each = campaign("trials=9", "initial.trial_sigma=1", "initial_learning=false").data["error"][0, :, 0]
+    each = campaign("trials=9", "initial.trial_sigma=1", case="without-initial-learning").data["error"][0, :, 0, 0]
     assert np.unique(each).size == 9
 
 
@@ -118,7 +118,8 @@ def test_random_starts_come_from_the_seed():
     [
         ("controllers.fixed.lam=-1", r"controllers\.fixed\.lam must lie in \(0, ∞\), got -1"),
         ("controllers.variable.lam_min=0", r"controllers\.variable\.lam_min must lie in \(0, 1\]"),
-        ("gain_mismatch=0", r"gain_mismatch must lie in \(0, ∞\)"),
+        ("gain_mismatch=0", r"input_gain must lie in \(0, ∞\)"),
+        ("initial_learning=false", "there is no setting 'initial_learning' any more: each law has its own"),
         ("plant.length=2000", "length must be at most that of the line"),
         ("plant.sampling_time=0.3", "the running time must be a multiple of the sampling time"),
         ("reference.distance=100", "speed must be reached within the distance"),
@@ -130,6 +131,35 @@ def test_bad_input_is_refused_in_one_line(assignment, message):
     with pytest.raises(InvalidValue, match=message) as caught:
         run(settings.assigned(STUDY, [assignment, "trials=1"]), show_progress=False)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("assignment", "path", "value"),
+    [
+        ("noise.speed_sigma=0.02", "noise.sigma", 0.02),
+        ("gain_mismatch=1.5", "truth.input_gain.factor", 1.5),
+        ("initial.position=2", "initial.position", 2.0),
+        ("controllers.fixed.initial_learning=false", "controllers.fixed.initial_learning", False),
+    ],
+)
+def test_old_settings_have_a_new_path(assignment, path, value):
+    now = settings.as_json(settings.assigned(STUDY, [assignment]))
+    for name in path.split("."):
+        now = now[name]
+    assert now == value
+
+
+@pytest.mark.parametrize("case", STUDY.cases)
+def test_every_case_runs(case):
+    done = campaign("trials=3", case=case)
+    assert done.data.attrs["case"] == case
+    assert all(row["max_speed_error_last"] is not None for row in done.scores().values())
+    assert settings.as_json(settings.in_case(STUDY, case)) != settings.as_json(STUDY)
+
+
+def test_the_mismatch_is_that_of_the_plant_that_runs_and_the_watch_sees_it():
+    study = settings.in_case(STUDY, "mismatch")
+    assert study.plant.input_gain == 1.0 and study.plant_that_runs.input_gain == 2.1
 
 
 def test_a_smoothing_that_is_too_short_is_refused_for_that_law():

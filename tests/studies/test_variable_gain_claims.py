@@ -11,7 +11,7 @@ from studies.variable_gain.claims import BANDS, BOX
 from studies.variable_gain.study import STUDY
 from verification.checks.lipschitz import lipschitz
 from verification.decide.verify import examination_of, judge, verify
-from workbench.trials import settings
+from workbench.contracts import settings
 from workbench.trials.campaign import run
 
 DEFAULTS = {
@@ -52,7 +52,7 @@ def test_every_claim_stands_as_known_at_the_defaults():
     [
         ("speed_contraction", ["gain_mismatch=2.1"], "fixed", "REFUTED"),
         ("speed_contraction", ["gain_mismatch=1.99"], "variable", "PROVED"),
-        ("initial_state_ratio", ["initial_learning=false"], "fixed", "REFUTED"),
+        ("initial_state_ratio", ["controllers.fixed.initial_learning=false"], "fixed", "REFUTED"),
         ("initial_state_ratio", ["controllers.variable.lam0=0.9"], "variable", "PROVED"),
         ("global_initial_convergence", ["trials=12"], "variable", "REFUTED"),
         ("initial_learning_needed", ["initial.speed=0", "initial.position=0"], None, "SUPPORTED"),
@@ -78,7 +78,7 @@ def test_the_lipschitz_constant_is_above_every_slope_sampled_and_the_jump_is_the
     found = lipschitz(plant, *BOX, BANDS)
     assert found.witness is not None
     rng, x = np.random.default_rng(2), ca.SX.sym("x", 2)
-    f = ca.Function("f", [x], [plant.rhs(x, 0)])
+    f = ca.Function("f", [x], [plant.slope(x, ca.SX(0), ca.SX(0, 1), 0)])
     a, b = (rng.uniform(*np.array(BOX)[:, :], (4000, 2)).T for _ in range(2))
     b = a + 1e-3 * (b - a)
     ratios = np.abs(f(a).full() - f(b).full()).max(axis=0) / np.abs(a - b).max(axis=0)

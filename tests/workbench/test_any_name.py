@@ -14,14 +14,14 @@ import verification
 from models.plant import Plant, Signal, Values, signals
 from models.quantity import InvalidValue, declared, quantity
 from workbench.contracts.law import Law
+from workbench.contracts.study import Study
 from workbench.controllers.parts.rows import known
 from workbench.trials.campaign import load, run
-from workbench.trials.study import TrialStudy
 
 NAMES = ["小车", "_cart", "cart_", "__cart__", "ca__rt", "null", "Ω_"]
 
 
-def named_study(name: str, other: str) -> TrialStudy:
+def named_study(name: str, other: str) -> Study:
     """Return y(k+1) = 0.5 y(k) + u(k) under u <- u + 0.5 e(k+1), everything called by one name or the other."""
 
     def step(self, x, u, w, k):
@@ -62,7 +62,7 @@ def named_study(name: str, other: str) -> TrialStudy:
     }
     law = declared(type(other, (Law,), members))
     title = f"{name} under {other}"
-    return TrialStudy(
+    return Study(
         name=f"{name}-",
         title=title,
         plant=plant(),
@@ -133,4 +133,4 @@ def test_control_characters_are_refused_where_they_are_declared(text, where):
         else:
             bad = Signal("speed", **{"unit": "m/s", "doc": "speed"} | {where: text})
             plant = type("Moved", (type(study.plant),), {"states": (bad,), "outputs": (bad,)})
-            TrialStudy(plant=plant(), reference=np.ones(5), controllers=study.controllers)
+            Study(plant=plant(), reference=np.ones(5), controllers=study.controllers)

@@ -10,8 +10,8 @@ import sys
 import pytest
 
 from models.point_mass import PointMass
+from workbench.contracts import settings
 from workbench.trials import find as studies
-from workbench.trials import settings
 from workbench.trials.campaign import load
 
 OWN = """
@@ -19,7 +19,7 @@ import numpy as np
 from models.plant import Plant, signals
 from models.quantity import declared, quantity
 from workbench.controllers import PD
-from workbench.trials.study import TrialStudy
+from workbench.contracts.study import Study
 
 @declared
 class Cart(Plant):
@@ -34,7 +34,7 @@ class Cart(Plant):
     def output(self, x):
         return (x.speed,)
 
-study = TrialStudy(
+study = Study(
     plant=Cart(), reference=10 * np.sin(np.linspace(0, np.pi, 201)), controllers={"pd": PD(kp=500.0, kd=0.0)}, trials=9
 )
 """

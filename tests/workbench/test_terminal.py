@@ -19,7 +19,7 @@ import numpy as np
 from models.plant import Plant, signals
 from models.quantity import declared, quantity
 from workbench.controllers import PD
-from workbench.trials.study import TrialStudy
+from workbench.contracts.study import Study
 
 @declared
 class 小车(Plant):
@@ -34,7 +34,7 @@ class 小车(Plant):
     def output(self, x):
         return (x.速度,)
 
-study = TrialStudy(
+study = Study(
     name="研究", title="一个研究", plant=小车(), reference=10 * np.sin(np.linspace(0, np.pi, 31)),
     controllers={"控制": PD(kp=500.0, kd=0.0)}, trials=3,
 )

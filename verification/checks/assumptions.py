@@ -7,15 +7,16 @@ along trials), A3 (trial lengths), A4 (sign of the PPD), Lemma 1 (the data model
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 from scipy import stats
 
+from models.array import Array
 from models.plant import Plant
 from verification.checks.domain import described
-from verification.checks.premises import same_but_for_the_input
+from verification.checks.premises import one_channel, same_but_for_the_input
 from verification.checks.row_sums import off_diagonal, slope_bounds
 from verification.checks.slope import slope
 from verification.enclosure.bounds import bound, prove_positive
@@ -23,6 +24,7 @@ from verification.enclosure.box import Box
 from verification.enclosure.reach import Reach
 from verification.enclosure.smoothness import continuous_on
 from workbench.contracts.number import finite
+from workbench.contracts.study import Study
 from workbench.contracts.verdict import Finding, Standing, undecided
 from workbench.evidence.lifted import Lifted
 from workbench.evidence.ppd import Evidence, gain_unit, learned_signal, units_of
@@ -72,9 +74,9 @@ def continuous_slope(plant: Plant, box: Box, degree: int = 1) -> Finding:
             if broken:
                 return Finding(
                     standing=Standing.REFUTED,
-                    margin=-abs(broken["slope_right"] - broken["slope_left"]),
+                    margin=-broken[0],
                     unit=gain_unit(*units_of(plant)),
-                    witness={**broken, "operation": f"{reach.operation.name} in {reach.operation.expression}"},
+                    witness={**broken[1], "operation": f"{reach.operation.name} in {reach.operation.expression}"},
                     method=f"a {reach.operation.kind} of {what} is reached; f or df/du differs on its two sides",
                 )
         return undecided(f"continuity of {what} on the box could not be shown: {found.reason}")
@@ -84,8 +86,8 @@ def continuous_slope(plant: Plant, box: Box, degree: int = 1) -> Finding:
     )
 
 
-def _broken(f: ca.Function, reach: Reach) -> dict[str, Any] | None:
-    """Return a place where df/du breaks, by looking at both sides of a critical point along u, or None."""
+def _broken(f: ca.Function, reach: Reach) -> tuple[float, dict[str, object]] | None:
+    """Return how far df/du breaks off, and where, by looking at both sides of a critical point along u, or None."""
     if reach.reachable != "yes" or reach.point is None:
         return None
     at = {name: value[0] for name, value in reach.point.items()}
@@ -105,7 +107,8 @@ def _broken(f: ca.Function, reach: Reach) -> dict[str, Any] | None:
         return None
     point = {name: value.ravel().tolist() for name, value in at.items() if value.size}
     found = {"point": point, "step": step, "slope_left": values["left"], "slope_right": values["right"]}
-    return {**found, "value_left": heights["left"], "value_right": heights["right"]}
+    place = {**found, "value_left": heights["left"], "value_right": heights["right"]}
+    return abs(values["right"] - values["left"]), place
 
 
 def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
@@ -125,10 +128,10 @@ def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
                 method="the output depends on no earlier input; p, the margin, is the largest |df/du| for "
                 f"{described(plant, box)}",
             )
-    witness = vanishing_difference(plant, evidence)
+    built = vanishing_difference(plant, evidence)
     largest = _largest_ratio(evidence)
     growth = [float(np.nanmax(np.abs(row))) for row in evidence.ratio[1:] if np.isfinite(row).any()]
-    if witness is None:
+    if built is None:
         return Finding(
             standing=Standing.SUPPORTED,
             margin=max(growth, default=None),
@@ -138,11 +141,21 @@ def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
         )
     return Finding(
         standing=Standing.REFUTED,
-        margin=-witness["ratios"][-1],
+        margin=-built.ratios[-1],
         unit=gain_unit(*units_of(plant)),
-        witness={**witness, "largest_of_campaign": largest, "largest_by_trial": growth},
-        method=f"two plans are built that differ by {witness['kept']:.3g} {plant.inputs[0].unit} at sample "
-        f"{witness['earlier_sample']} and by du at sample {witness['sample']}: as du goes to 0 the ratio grows as "
+        witness={
+            "controller": evidence.controller,
+            "trial": evidence.trajectories.u.shape[0],
+            "earlier_sample": built.earlier_sample,
+            "kept": built.kept,
+            "sample": built.sample,
+            "du": built.du,
+            "ratios": built.ratios,
+            "largest_of_campaign": largest,
+            "largest_by_trial": growth,
+        },
+        method=f"two plans are built that differ by {built.kept:.3g} {plant.inputs[0].unit} at sample "
+        f"{built.earlier_sample} and by du at sample {built.sample}: as du goes to 0 the ratio grows as "
         "1/du, so no p exists; the margin is minus the largest ratio that was built",
     )
 
@@ -160,7 +173,20 @@ def _remembers(plant: Plant, evidence: Evidence) -> bool:
     return bool(ca.depends_on(value, before[0]))
 
 
-def vanishing_difference(plant: Plant, evidence: Evidence, steps: int = 12) -> dict[str, Any] | None:
+class Vanishing(NamedTuple):
+    """Two plans whose outputs differ ever more for a difference of theirs that vanishes."""
+
+    kept: float
+    """What they differ by at the earlier sample, in input units."""
+    earlier_sample: int
+    sample: int
+    du: list[float]
+    """The differences at the sample, falling."""
+    ratios: list[float]
+    """Differences of the learned signal over them."""
+
+
+def vanishing_difference(plant: Plant, evidence: Evidence, steps: int = 12) -> Vanishing | None:
     """Return input pairs whose ratio |ds(k+d)|/|du(k)| ends up growing as 1/|du(k)|, or None.
 
     The last trial's plan is the one sequence; the other adds ``kept`` at sample j and ``du`` at sample k > j.
@@ -173,7 +199,7 @@ def vanishing_difference(plant: Plant, evidence: Evidence, steps: int = 12) -> d
     k = int(taken.lengths[trial]) - degree
     j = max(0, k - max(1, k // 2))
     kept = 0.1 * float(np.ptp(plan) or np.abs(plan).max() or 1.0)
-    outputs = rollout(plant, x0, plan)[1]
+    outputs = rollout(plant, x0, plan, taken.w[trial])[1]
     base = learned_signal(outputs, evidence.increment)[k + degree]
     rounding = 1e3 * float(np.finfo(float).eps * np.abs(outputs).max())
     sizes, ratios = [], []
@@ -182,25 +208,18 @@ def vanishing_difference(plant: Plant, evidence: Evidence, steps: int = 12) -> d
         other[j] += kept
         other[k] += kept * 10.0**-step
         difference = float(other[k] - plan[k])
-        change = abs(float(learned_signal(rollout(plant, x0, other)[1], evidence.increment)[k + degree]) - float(base))
+        _, moved = rollout(plant, x0, other, taken.w[trial])
+        change = abs(float(learned_signal(moved, evidence.increment)[k + degree]) - float(base))
         if not np.isfinite(change) or change < rounding or difference == 0:
             break
         sizes.append(difference)
         ratios.append(change / abs(difference))
     if len(ratios) < 3 or ratios[-1] < 8 * ratios[-2] or ratios[-2] < 8 * ratios[-3]:
         return None
-    return {
-        "controller": evidence.controller,
-        "trial": trial + 1,
-        "earlier_sample": j,
-        "kept": kept,
-        "sample": k,
-        "du": sizes,
-        "ratios": ratios,
-    }
+    return Vanishing(kept, j, k, sizes, ratios)
 
 
-def _largest_ratio(evidence: Evidence) -> dict[str, Any]:
+def _largest_ratio(evidence: Evidence) -> dict[str, object]:
     magnitudes = np.where(np.isfinite(evidence.ratio), np.abs(evidence.ratio), -1.0)
     trial, sample = np.unravel_index(int(magnitudes.argmax()), magnitudes.shape)
     return evidence.witness(int(trial), int(sample))
@@ -211,16 +230,14 @@ def lipschitz_lifted(plant: Plant, evidence: Evidence, box: Box) -> Finding:
 
     PROVED over the box where intervals bound it; else SUPPORTED along the last trial's trajectory.
     """
+    unmet = one_channel(plant) or same_but_for_the_input(evidence.study, evidence.law)
+    if unmet:
+        return undecided(unmet)
     along = lifted_along(plant, evidence)
     off, own = along.row_sums()
     p = float((off + own).max())
     at = int((off + own).argmax())
     witness = {"trial": evidence.trajectories.u.shape[0], "sample": at, "row_sum": p, "diagonal": float(own[at])}
-    unmet = same_but_for_the_input(evidence.study)
-    if unmet is None and len(plant.inputs) > 1:
-        unmet = f"the claim speaks of one input, and the plant has {len(plant.inputs)}"
-    if unmet:
-        return undecided(unmet)
     if evidence.degree == 1:
         slopes = slope_bounds(plant, box, increment=evidence.increment)
         rows = off_diagonal(slopes, evidence.trajectories.u.shape[1])
@@ -252,22 +269,26 @@ def lifted_along(plant: Plant, evidence: Evidence, trial: int = -1) -> Lifted:
     """Return the lifted plant along the plan of a trial, run to the horizon."""
     taken = evidence.trajectories
     plan = np.where(np.isfinite(taken.u[trial]), taken.u[trial], 0.0)
-    x, _ = rollout(plant, taken.x[trial, :, 0], plan)
-    line = Lineariser(plant, plan.size).at(x, plan)
+    x, _ = rollout(plant, taken.x[trial, :, 0], plan, taken.w[trial])
+    line = Lineariser(plant, plan.size).at(x, plan, taken.w[trial])
     return Lifted(line, evidence.degree, increment=evidence.increment)
 
 
-def trial_lengths(study: Any, lengths: Any) -> Finding:
+def trial_lengths(study: Study, lengths: Array) -> Finding:
     """A3: the lengths have the declared distribution, and p(k) follows from it.
 
     The table and p(k) are checked by algebra, the drawn lengths by exact binomial tests of every length (Bonferroni).
     """
-    horizon = study.horizon
-    possible, probabilities = study.trial_length.distribution(horizon)
+    horizon, law = study.horizon, study.scenario.trial_length
+    if study.plant_that_runs.ends:
+        return undecided("trials end by an event of the plant's own, which has no distribution that is known")
+    if law.lengths:
+        return undecided("the lengths are given, not drawn: give a distribution")
+    possible, probabilities = law.distribution(horizon)
     if abs(float(np.sum(probabilities)) - 1) > 1e-12 or (probabilities < 0).any():
         witness = {"sum": float(np.sum(probabilities)), "least": float(np.min(probabilities))}
         return Finding(standing=Standing.REFUTED, witness=witness, method="the table is no distribution")
-    reach = study.trial_length.reach_probability(horizon)
+    reach = law.reach_probability(horizon)
     direct = np.array([probabilities[possible >= k].sum() for k in range(horizon + 1)])
     if np.abs(reach - direct).max() > 1e-12:
         k = int(np.abs(reach - direct).argmax())

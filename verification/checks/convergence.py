@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
+from models.array import Array
 from models.plant import Plant
 from verification.checks.assumptions import lifted_along
 from verification.checks.domain import described
 from verification.checks.row_sums import slope_bounds
 from verification.enclosure.box import Box
+from workbench.contracts.law import Estimator
 from workbench.contracts.number import finite
+from workbench.contracts.record import TrialRecord
 from workbench.contracts.verdict import Finding, Standing, undecided
 from workbench.evidence.learning_operator import gain, memories
 from workbench.evidence.lifted import Lifted, SingularValue, largest_singular_value
@@ -25,19 +29,19 @@ from workbench.trials.campaign import Campaign
 class Adaptation(NamedTuple):
     """What the estimator and the gain of a CFDL law did, (trials, m) each, in the law's own units."""
 
-    factor: Any
+    factor: Array
     """1 - rho phi_c phi / (lam + phi^2) with phi_c the realised ratio."""
-    share: Any
+    share: Array
     """eta du^2 / (mu + du^2): the share by which the trial's data can move the estimate."""
-    reset_small: Any
+    reset_small: NDArray[np.bool_]
     """Whether the reset (13) fires because |phi| <= eps or the sign of phi changes."""
-    reset_idle: Any
+    reset_idle: NDArray[np.bool_]
     """Whether it fires because |du| <= eps."""
 
 
 def adaptation(evidence: Evidence) -> Adaptation:
     """Recompute from the record what the estimator of a CFDL law did and how the error contracted."""
-    law, unit = evidence.law, evidence.law.force_unit
+    law, unit = evidence.estimator, evidence.estimator.force_unit
     phi = evidence.estimate * unit
     du = evidence.du / unit
     share = law.eta * du**2 / (law.mu + du**2)
@@ -54,7 +58,7 @@ def adaptation(evidence: Evidence) -> Adaptation:
     )
 
 
-def lambda_min(law: Any, gain_bound: float, *, one_sided: bool = True) -> float:
+def lambda_min(law: Estimator, gain_bound: float, *, one_sided: bool = True) -> float:
     """Return (rho b)^2/4, above which the factor lies in (0, 1), or (rho b)^2/16 for (-1, 1).
 
     ``gain_bound`` is b in output units per input unit; the result is in the law's own units.
@@ -65,7 +69,7 @@ def lambda_min(law: Any, gain_bound: float, *, one_sided: bool = True) -> float:
 def lambda_unit(evidence: Evidence) -> str:
     """Return the unit of lambda, which is absolute: squared output per force unit of the law."""
     output, given = evidence.units
-    return f"({output} per {evidence.law.force_unit:g} {given})^2"
+    return f"({output} per {evidence.estimator.force_unit:g} {given})^2"
 
 
 def lambda_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
@@ -85,10 +89,10 @@ def lambda_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     refuted = _compared(evidence, met, f"b at a point of {described(plant, box)}", Standing.PROVED, {"point": at})
     if refuted.standing is Standing.REFUTED:
         return refuted
-    least, most = lambda_min(evidence.law, met), lambda_min(evidence.law, b)
+    least, most = lambda_min(evidence.estimator, met), lambda_min(evidence.estimator, b)
     return undecided(
         f"(rho b)^2/4 lies between {least:.4g}, which is met at a point, and {most:.4g}, which bounds it for "
-        f"{described(plant, box)}; lambda = {evidence.law.lam:.4g} lies between"
+        f"{described(plant, box)}; lambda = {evidence.estimator.lam:.4g} lies between"
     )
 
 
@@ -102,8 +106,10 @@ def lambda_realised(evidence: Evidence) -> Finding:
     return _compared(evidence, b, "b the largest realised ratio", Standing.SUPPORTED, evidence.witness(trial, sample))
 
 
-def _compared(evidence: Evidence, b: float, how: str, holds: Standing, place: dict[str, Any] | None = None) -> Finding:
-    law = evidence.law
+def _compared(
+    evidence: Evidence, b: float, how: str, holds: Standing, place: dict[str, object] | None = None
+) -> Finding:
+    law = evidence.estimator
     least = lambda_min(law, b)
     witness = {
         "b": b,
@@ -129,7 +135,7 @@ def estimator_bounded(evidence: Evidence) -> Finding:
     later = np.isfinite(evidence.du)
     idle, small = float(found.reset_idle[later].mean()), float(found.reset_small[later].mean())
     median = float(np.median(found.share[later]))
-    du = float(np.median(np.abs(evidence.du[later]))) / evidence.law.force_unit
+    du = float(np.median(np.abs(evidence.du[later]))) / evidence.estimator.force_unit
     witness = {
         **evidence.witness(trial, sample),
         "largest_estimate": float(magnitudes[trial, sample]),
@@ -152,7 +158,7 @@ def estimator_bounded(evidence: Evidence) -> Finding:
     )
 
 
-def theorem_printed(evidence: Evidence, mse: Any) -> Finding:
+def theorem_printed(evidence: Evidence, mse: Array) -> Finding:
     """Theorem 1's argument: |1 - rho phi_c phi/(lam + phi^2)| < 1 at every trial and sample that was reached.
 
     ``mse`` is the law's mean square error by trial, which the method quotes.
@@ -188,9 +194,9 @@ class Monotone(NamedTuple):
     """The error's map between trials, I - G L, at the last trial."""
 
     lifted: Lifted
-    gain: Any
+    gain: sparse.csr_matrix[np.float64]
     singular: SingularValue
-    diagonal: Any
+    diagonal: Array
     """Diagonal of I - G L, (m,): the asymptotic factors."""
 
 
@@ -204,10 +210,12 @@ def error_map(campaign: Campaign, evidence: Evidence) -> Monotone | str:
         return "the law does not learn between trials"
     if law.keeps_state:
         return "the law also acts within the trial, so the error's map between trials is not I - G L"
-    study = campaign.study
-    memory, left, _ = deque(memories(campaign, evidence.controller), maxlen=1).pop()
-    plant_map = lifted_along(study.plant, evidence)
-    full = left._replace(y=rerun_output(study.plant, left))
+    if law.places:
+        return "the law also moves the state in which a trial begins, so the error's map between trials is not I - G L"
+    study, plant = campaign.study, campaign.study.plant_that_runs
+    memory, left = deque(memories(campaign, evidence.controller), maxlen=1).pop()
+    plant_map = lifted_along(plant, evidence)
+    full = left._replace(y=rerun_output(plant, left, evidence.trajectories.w[-1]))
     operator = gain(campaign, evidence.controller, memory, full, study.horizon)
     m, degree = plant_map.size, evidence.degree
     if operator is None:
@@ -216,29 +224,29 @@ def error_map(campaign: Campaign, evidence: Evidence) -> Monotone | str:
     whole = Lifted(plant_map.line, degree, increment=evidence.increment)
     square = onto.tocsr()
 
-    def apply(e: Any) -> Any:
-        return e - whole.apply(square @ e)
+    def apply(e: Array) -> Array:
+        return np.asarray(e - whole.apply(np.asarray(square @ e)))
 
-    def adjoint(e: Any) -> Any:
-        return e - square.T @ whole.adjoint(e)
+    def adjoint(e: Array) -> Array:
+        return np.asarray(e - square.T @ whole.adjoint(e))
 
     off, own = whole.row_sums()
-    gains = np.abs(square).sum(axis=1)
+    gains = abs(square).sum(axis=1)
     largest = float(np.max(np.ravel(gains)))
     upper = 1 + float((off + own).max()) * largest * np.sqrt(m)
     singular = largest_singular_value(apply, adjoint, m, upper)
     return Monotone(whole, square, singular, 1 - whole.diagonal() * square.diagonal())
 
 
-def rerun_output(plant: Plant, left: Any) -> Any:
-    """Return the output of a recorded plan run to the horizon, (ny, N + 1), first output only filled in."""
-    _, y = rollout(plant, left.x[:, 0], np.nan_to_num(left.u[0]))
+def rerun_output(plant: Plant, left: TrialRecord, w: Array) -> Array:
+    """Return the output of a recorded plan run to the horizon, (1, N + 1), under the trial's disturbances."""
+    _, y = rollout(plant, left.x[:, 0], np.nan_to_num(left.u[0]), w)
     full = np.array(left.y)
     full[0] = y
     return full
 
 
-def _on_signal(operator: Any, increment: bool) -> Any:
+def _on_signal(operator: sparse.csc_matrix[np.float64], increment: bool) -> sparse.csr_matrix[np.float64]:
     """Return the gain on the learned signal, (N, N + 1): for increments, errors are running sums of its errors.
 
     Column j of the result is then the sum of the gain's columns from j on, which a law on increments leaves banded.
@@ -282,7 +290,7 @@ def monotone(found: Monotone | str) -> Finding:
     )
 
 
-def asymptotic(found: Monotone | str, reach: Any) -> Finding:
+def asymptotic(found: Monotone | str, reach: Array) -> Finding:
     """The error vanishes as trials go on: every diagonal entry of I - G L lies in (-1, 1).
 
     ``reach`` (m,) is the probability that a trial reaches the sample: the expected factor is 1 - p(k) (G L)_kk.
@@ -310,7 +318,7 @@ def asymptotic(found: Monotone | str, reach: Any) -> Finding:
     )
 
 
-def peak(observed: Any, predicted: Any) -> Finding:
+def peak(observed: Array, predicted: Array) -> Finding:
     """The frozen map I - G L predicts the largest MSE of the campaign within a factor of 3."""
     if not np.size(predicted):
         return undecided("there is no map I - G L to predict with")
@@ -334,7 +342,7 @@ def peak(observed: Any, predicted: Any) -> Finding:
     )
 
 
-def predicted_mse(found: Monotone, e0: Any, lengths: Any, signal_sum: bool) -> Any:
+def predicted_mse(found: Monotone, e0: Array, lengths: NDArray[np.int64], signal_sum: bool) -> Array:
     """Return the MSE by trial that the frozen map predicts from a first error e0 (m,) and the trial lengths."""
     u = np.zeros_like(e0)
     result = np.full(len(lengths), np.nan)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from models.array import Array
 from models.plant import Plant
 from verification.enclosure.box import Box
 from workbench.evidence.trajectory import Trajectories
@@ -13,7 +12,7 @@ from workbench.evidence.trajectory import Trajectories
 MARGIN = 0.05  # of each range, added at both ends
 
 
-def domain(plant: Plant, taken: Trajectories, w: Any = None, margin: float = MARGIN) -> Box:
+def domain(plant: Plant, taken: Trajectories, w: Array | None = None, margin: float = MARGIN) -> Box:
     """Return the box that holds every recorded trial, widened by ``margin`` of each range.
 
     Its names are those of the plant's step: x, u, w, k; k runs from 0 to N and is not widened. ``w`` (nw, any) are
@@ -24,7 +23,7 @@ def domain(plant: Plant, taken: Trajectories, w: Any = None, margin: float = MAR
     applied = taken.u[reached & np.isfinite(taken.u)]
     lower = np.nanmin(taken.x, axis=(0, 2))
     upper = np.nanmax(taken.x, axis=(0, 2))
-    ranges: dict[str, Any] = {"x": _wider(lower, upper, margin)}
+    ranges: dict[str, tuple[Array | float, Array | float]] = {"x": _wider(lower, upper, margin)}
     others = np.zeros(len(plant.inputs) - 1)
     low_u, high_u = _wider(np.array([applied.min()]), np.array([applied.max()]), margin)
     ranges["u"] = (np.concatenate([low_u, others]), np.concatenate([high_u, others]))
@@ -46,6 +45,6 @@ def described(plant: Plant, box: Box) -> str:
     return ", ".join(parts)
 
 
-def _wider(lower: Any, upper: Any, margin: float) -> tuple[Any, Any]:
+def _wider(lower: Array, upper: Array, margin: float) -> tuple[Array, Array]:
     room = margin * (upper - lower)
     return lower - room, upper + room

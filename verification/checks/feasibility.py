@@ -14,7 +14,7 @@ import numpy as np
 
 from models.quantity import InvalidValue
 from workbench.predictive.condensed import CondensedQP
-from workbench.predictive.decision import Decision, Following, start
+from workbench.predictive.decision import Following, Move, start
 from workbench.predictive.delayed_plant import DelayedPlant
 from workbench.sets import Polytope
 from workbench.sets.array import Array
@@ -29,12 +29,20 @@ EDGE_MARGIN = 1e-9
 """Runs start this fraction inside the edge, so that rounding does not decide about the first plan."""
 
 
-class Law(Protocol):
+class Moving(Protocol):
     """A law on the predicted error: `workbench.controllers.rmpc` and its kin."""
 
-    def act(self, memory: Following, e: Array, /) -> tuple[Decision, Following]:
-        """The decision at the error e, shape (n,), and the memory for the next sample."""
+    def move(self, following: Following, e: Array, /) -> tuple[Move, Following]:
+        """The increment of the input at the error e, shape (n,), and the plan to follow on."""
         ...
+
+
+class Deciding(Moving, Protocol):
+    """Such a law, with the problem that it must be able to solve."""
+
+    @property
+    def deciding(self) -> CondensedQP:
+        """The problem that must be feasible whenever the law decides."""
 
 
 class Run(NamedTuple):
@@ -76,7 +84,7 @@ class Campaign(NamedTuple):
 
 
 def simulate(
-    law: Law, plant: DelayedPlant, bounds: Polytope, e: Array, *, disturb: Array | Callable[[int, Array], Array]
+    law: Moving, plant: DelayedPlant, bounds: Polytope, e: Array, *, disturb: Array | Callable[[int, Array], Array]
 ) -> Run:
     """Run a law on e+ = A e + b du + A^l w and see where the true error x(k+l) goes.
 
@@ -95,15 +103,15 @@ def simulate(
     """
     steps = 60 if callable(disturb) else len(disturb) - plant.delay
     errors, pushes = [e], []
-    memory, failed, reason = start(), None, ""
+    following, failed, reason = start(), None, ""
     for k in range(steps + plant.delay):
         pushes.append(disturb(k, errors[-1]) if callable(disturb) else disturb[k])
         if k >= steps:
             continue
-        decision, memory = law.act(memory, errors[-1])
-        if decision.infeasible and failed is None:
-            failed, reason = k, decision.infeasible
-        errors.append(plant.A @ errors[-1] + plant.b * decision.du + plant.A_delay @ pushes[-1])
+        move, following = law.move(following, errors[-1])
+        if move.infeasible and failed is None:
+            failed, reason = k, move.infeasible
+        errors.append(plant.A @ errors[-1] + plant.b * move.du + plant.A_delay @ pushes[-1])
     w = np.array(pushes).reshape(-1, plant.order)
     x = np.array(errors)
     for j in range(plant.delay):  # x(k+l) - z(k) is the sum of A^(l-1-j) w(k+j)
@@ -113,7 +121,7 @@ def simulate(
 
 
 def campaign(
-    law: Law,
+    law: Moving,
     problem: CondensedQP,
     plant: DelayedPlant,
     bounds: Polytope,

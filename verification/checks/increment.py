@@ -18,16 +18,21 @@ a^-N at most.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from models.plant import Plant
 from verification.checks.assumptions import lifted_along
 from verification.checks.domain import described
-from verification.checks.premises import no_noise, one_channel, reference_within, same_but_for_the_input
+from verification.checks.premises import (
+    no_noise,
+    nothing_between,
+    one_channel,
+    reference_within,
+    same_but_for_the_input,
+)
 from verification.checks.row_sums import SlopeBounds, off_diagonal, slope_bounds
 from verification.enclosure.box import Box
+from workbench.contracts.law import Estimator
 from workbench.contracts.verdict import Finding, Standing, undecided
 from workbench.evidence.ppd import Evidence
 
@@ -35,29 +40,29 @@ LOOSE = 1e6  # a bound on the transient above that says nothing
 SHARE = 0.5  # of b_low that the weighted row sum may take
 
 
-def largest_gain(law: Any) -> float:
+def largest_gain(law: Estimator) -> float:
     """Return l_max = rho/(2 sqrt(lam)), the largest gain for any phi, in input units per output unit; rounded up."""
     return float(np.nextafter(law.rho / (2 * np.sqrt(law.lam)) * law.force_unit * (1 + 1e-15), np.inf))
 
 
 def _outside(evidence: Evidence) -> str | None:
     """Return why the theorem does not speak of a law, or None."""
-    law = evidence.law
+    first = evidence.estimator.first_estimate()
     if evidence.degree != 1:
         return f"the theorem is for relative degree 1, got {evidence.degree}"
-    if getattr(law, "q_cutoff_hz", None) is not None:
+    if evidence.law.filters_plan:
         return "the theorem is for the law without its filter (q_cutoff_hz null)"
-    if law.phi0 is not None and law.phi0 < 0:
-        return f"the theorem is for a positive phi(k,1), got {law.phi0:g}"
+    if first < 0:
+        return f"the theorem is for a positive phi(k,1), got {first:g}"
     return None
 
 
-def _first_gain(law: Any) -> float:
-    phi = np.sqrt(law.lam) if law.phi0 is None else law.phi0
+def _first_gain(law: Estimator) -> float:
+    phi = law.first_estimate()
     return float(law.rho * phi / (law.lam + phi**2) * law.force_unit)
 
 
-def _factor(law: Any, slopes: SlopeBounds, r: float) -> float:
+def _factor(law: Estimator, slopes: SlopeBounds, r: float) -> float:
     """Return by how much the largest input error shrinks in a trial while phi stays at phi(k,1)."""
     gain = _first_gain(law)
     return max(1 - gain * (slopes.gain_low - r), gain * (slopes.gain_high + r) - 1)
@@ -66,7 +71,13 @@ def _factor(law: Any, slopes: SlopeBounds, r: float) -> float:
 def _slopes(plant: Plant, evidence: Evidence, box: Box) -> SlopeBounds | Finding:
     """Bound the increment's slopes over a box, or say why the theorem says nothing there."""
     study = evidence.study
-    outside = _outside(evidence) or one_channel(plant) or same_but_for_the_input(study) or no_noise(study)
+    outside = (
+        _outside(evidence)
+        or one_channel(plant)
+        or same_but_for_the_input(study, evidence.law)
+        or no_noise(study)
+        or nothing_between(study)
+    )
     if outside:
         return undecided(outside)
     slopes = slope_bounds(plant, box, increment=True)
@@ -84,12 +95,12 @@ def monotone(plant: Plant, evidence: Evidence, box: Box) -> Finding:
         return slopes
     n = evidence.trajectories.u.shape[1]
     r = float(off_diagonal(slopes, n).max())
-    gain = largest_gain(evidence.law)
+    gain = largest_gain(evidence.estimator)
     if slopes.gain_low > r and gain * (slopes.gain_high + r) < 2:
         left = reference_within(evidence.study, box)
         if left:
             return undecided(left)
-        factor = _factor(evidence.law, slopes, r)
+        factor = _factor(evidence.estimator, slopes, r)
         return Finding(
             standing=Standing.PROVED,
             margin=(slopes.gain_low - r) / slopes.gain_low,
@@ -101,7 +112,7 @@ def monotone(plant: Plant, evidence: Evidence, box: Box) -> Finding:
         )
     off, own = lifted_along(plant, evidence).row_sums()
     k = int((off - own).argmax())
-    if off[k] > own[k]:
+    if off[k] > own[k] > 0:
         return Finding(
             standing=Standing.REFUTED,
             margin=float((own[k] - off[k]) / own[k]),
@@ -116,6 +127,8 @@ def monotone(plant: Plant, evidence: Evidence, box: Box) -> Finding:
             "error with the signs of that row grows in the sup norm, so the sup norm proves nothing here; the margin "
             "is b minus that row sum, over b",
         )
+    if not slopes.gain_low > 0:
+        return undecided(f"the gain must be positive over the box, its bound is {slopes.gain_low:.3g}")
     return undecided(
         f"over the box the row sum is bounded by {r / slopes.gain_low:.3g} b only (along the last trial's plan it is "
         f"{off[k] / own[k]:.3g} b), or l_max (b + r) reaches 2"
@@ -130,7 +143,7 @@ def weighted(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     n = evidence.trajectories.u.shape[1]
     if not slopes.gain_low > 0:
         return undecided(f"the gain must be positive over the box, its bound is {slopes.gain_low:.3g}")
-    gain = largest_gain(evidence.law)
+    gain = largest_gain(evidence.estimator)
     a = largest_weight(slopes, n, SHARE)
     if a is None:
         return undecided("no weight of at least 1e-6 makes the row sum small enough")
@@ -144,7 +157,7 @@ def weighted(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     left = reference_within(evidence.study, box)
     if left:
         return undecided(left)
-    factor = _factor(evidence.law, slopes, r)
+    factor = _factor(evidence.estimator, slopes, r)
     edge = largest_weight(slopes, n, 1.0)
     return Finding(
         standing=Standing.PROVED,

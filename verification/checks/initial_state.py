@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from workbench.contracts.law import Task, Trial
+from models.array import Array
+from workbench.contracts.law import AnyLaw, Task, Trial
+from workbench.contracts.study import Study
 from workbench.contracts.verdict import Finding, Standing
-from workbench.fold.fold import stream
-from workbench.fold.machine_code import compiled
-from workbench.trials.study import TrialStudy
+from workbench.trials.simulation import runner_of
 
 
-def initial_factor(law: Any, outputs: int = 2) -> float | None:
+def initial_factor(law: AnyLaw, outputs: int = 2) -> float | None:
     """Return d e_{k+1}(0) / d e_k(0) of the first output, exactly; None where it is not a constant.
 
     The law keeps what it moved the start by in the memory field ``moved`` (outputs, 1); every trial would begin in
     the same state without learning, and all states are measured without noise.
     """
     n = 3
-    memory = law.start(Task(ca.SX.zeros(outputs, n + 1), 0.1))
+    memory = law.start(Task(ca.SX.zeros(outputs, n + 1), ca.SX(0.1)))
     moved, x0 = ca.SX.sym("moved", outputs), ca.SX.sym("x0", outputs)
     r, later = ca.SX.sym("r", outputs, n + 1), ca.SX.sym("later", outputs, n)
     before = memory._replace(moved=moved)
@@ -33,16 +32,15 @@ def initial_factor(law: Any, outputs: int = 2) -> float | None:
     return None if ca.symvar(factor) else float(ca.evalf(ca.SX(factor)))
 
 
-def converges_from(study: TrialStudy, controller: str, starts: Any, tolerances: Sequence[float]) -> Finding:
+def converges_from(study: Study, controller: str, starts: Array, tolerances: Sequence[float]) -> Finding:
     """Run all trials of a study from every start, shape (starts, states), and look at the last trial's errors.
 
     ``tolerances`` are the largest errors allowed, one an output; the start that comes nearest to them is the witness.
     """
-    fold, r, inputs = study.fold(controller), study.reference_samples, study.inputs()
-    machine = compiled(fold.trial)
+    runner, r, inputs = runner_of(study, controller), study.reference_samples, study.inputs()
     worst, witness = -np.inf, {}
     for start in starts:
-        *_, left = stream(fold, r, [one._replace(x0=start) for one in inputs], trial=machine)
+        *_, left = runner.trials([one._replace(x0=start) for one in inputs])
         last = np.abs(r - left.y).max(axis=1)
         share = float((last / np.asarray(tolerances)).max()) if np.isfinite(last).all() else np.inf
         if share >= worst:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
+from control import StateSpace
 
 from models.quantity import InvalidValue
 
 
-def critical_gain(loop: Any, most: float = 1e6) -> float:
+def critical_gain(loop: StateSpace, most: float = 1e6) -> float:
     """Return the least gain K > 0 at which 1 + K L(z) has a root on the unit circle, infinity if there is none.
 
     ``loop`` is a discrete-time python-control system L with one input and output whose closed loop is stable for
@@ -35,14 +34,14 @@ def critical_gain(loop: Any, most: float = 1e6) -> float:
     return (low + high) / 2
 
 
-def spectral_radius(loop: Any) -> float:
+def spectral_radius(loop: StateSpace) -> float:
     """Return the largest magnitude of the closed loop's poles, 1 + L(z) = 0; below 1 the loop is stable."""
     import control
 
     return float(np.abs(control.feedback(loop, 1).poles()).max())
 
 
-def observed(system: Any) -> Any:
+def observed(system: StateSpace) -> StateSpace:
     """Return a python-control StateSpace without the states that cannot reach its output, such as a position.
 
     A state reaches the output if it stands in it, or in the next value of a state that does: exact zeros decide.
@@ -56,7 +55,7 @@ def observed(system: Any) -> Any:
     return control.StateSpace(a[np.ix_(kept, kept)], np.asarray(system.B)[kept], c[:, kept], system.D, system.dt)
 
 
-def positional_pid(kp: float, ki: float, kd: float, sampling_time: float) -> Any:
+def positional_pid(kp: float, ki: float, kd: float, sampling_time: float) -> StateSpace:
     """Return python-control's StateSpace of kp + ki Ts/(1 - z^-1) + kd (1 - z^-1)/Ts."""
     import control
 
@@ -64,7 +63,7 @@ def positional_pid(kp: float, ki: float, kd: float, sampling_time: float) -> Any
     return control.ss(control.TransferFunction(numerator, [1, -1, 0], sampling_time))
 
 
-def incremental_pid(ki: float, kd: float, sampling_time: float) -> Any:
+def incremental_pid(ki: float, kd: float, sampling_time: float) -> StateSpace:
     """Return python-control's StateSpace of C(z) = (1 - z^-1 + ki + kd (1 - z^-1)^2)/(1 - z^-1).
 
     In state space, because a chain of delays is badly conditioned as a ratio of polynomials.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from models.array import Array
+from models.plant import Plant
 from verification.enclosure.bounds import bound
 from verification.enclosure.box import Box
 from verification.enclosure.smoothness import continuous_on
@@ -18,14 +19,14 @@ BUDGET = 300
 """Boxes spent on every entry of the Jacobian and band."""
 
 
-def lipschitz(plant: Any, lower: Sequence[float], upper: Sequence[float], bands: Sequence[float]) -> Finding:
-    """Bound the Jacobian of ``plant.rhs(x, 0)`` on a box of states, cut into bands of the last state.
+def lipschitz(plant: Plant, lower: Sequence[float], upper: Sequence[float], bands: Sequence[float]) -> Finding:
+    """Bound the Jacobian of a plant's right-hand side at no input on a box of states, cut into bands of the last state.
 
     A function that is continuous on the box and differentiable but for kinks is Lipschitz with the largest row sum
     of |df/dx| (maximum norm). A jump inside the box refutes it: the witness is a pair of states across the jump.
     """
     x = ca.SX.sym("x", len(plant.states))
-    rhs = plant.rhs(x, 0)
+    rhs = plant.slope(x, ca.SX.zeros(len(plant.inputs)), ca.SX.zeros(len(plant.disturbances)), 0)
     f = ca.Function("rhs", [x], [rhs], ["x"], ["f"])
     smooth = continuous_on(f, Box({"x": (list(lower), list(upper))}))
     for reach in smooth.reaches:
@@ -52,11 +53,11 @@ def lipschitz(plant: Any, lower: Sequence[float], upper: Sequence[float], bands:
     )
 
 
-def _across(f: ca.Function, point: Any) -> Finding | None:
+def _across(f: ca.Function, point: Array) -> Finding | None:
     """Return the refutation at a jump of f in its first state, or None where f does not jump there."""
     far, step = (scale * max(1.0, abs(float(point[0]))) for scale in (1e-6, 1e-9))
 
-    def pair(distance: float) -> tuple[list[Any], list[Any], float]:
+    def pair(distance: float) -> tuple[list[Array], list[Array], float]:
         near = [point + np.array([sign * distance, *[0.0] * (point.size - 1)]) for sign in (-1, 1)]
         values = [f(one).full().ravel() for one in near]
         return near, values, float(np.abs(values[1] - values[0]).max())

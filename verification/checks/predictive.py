@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 
-from verification.checks.feasibility import VIOLATION_TOLERANCE, campaign
+from verification.checks.feasibility import VIOLATION_TOLERANCE, Deciding, campaign
 from workbench.contracts.verdict import Finding, Standing, undecided
 from workbench.controllers.rmpc import RMPC
 from workbench.controllers.rsmpc import RSMPC
-from workbench.predictive.condensed import CondensedQP, Plan
+from workbench.predictive.condensed import Plan
 from workbench.predictive.decision import start
 from workbench.predictive.delayed_plant import DelayedPlant
 from workbench.sets import Polytope
@@ -21,14 +20,9 @@ SLACK = 1e-7
 """What rounding may add to a cost, relative to the cost at the start, but at least to the problem's `cost_size`."""
 
 
-def deciding(law: RMPC | RSMPC) -> CondensedQP:
-    """Return the problem that a law must be able to solve whenever it decides."""
-    return law.problem if isinstance(law, RMPC) else law.problem(1)
-
-
-def starts(law: RMPC | RSMPC, number: int, *, seed: int) -> Iterator[Array]:
+def starts(law: Deciding, number: int, *, seed: int) -> Iterator[Array]:
     """Yield errors inside the feasible set, from near its centre to its edge."""
-    random, problem = np.random.default_rng(seed), deciding(law)
+    random, problem = np.random.default_rng(seed), law.deciding
     center = problem.inside()
     spread = problem.spread(center)
     for index in range(number):
@@ -40,8 +34,9 @@ def starts(law: RMPC | RSMPC, number: int, *, seed: int) -> Iterator[Array]:
 
 def nominal_decrease(law: RMPC, *, runs: int = 12, steps: int = 25, seed: int = 0) -> Finding:
     """Without disturbance J falls by at least the stage cost at each sample; (18)."""
-    tube = law.tube
-    worst, witness, looked = np.inf, {}, 0
+    tube = law.sets
+    worst, looked = np.inf, 0
+    witness: dict[str, object] = {}
     for e in starts(law, runs, seed=seed):
         before = law.plan(e)
         for _ in range(steps):
@@ -64,7 +59,7 @@ def nominal_decrease(law: RMPC, *, runs: int = 12, steps: int = 25, seed: int = 
 
 def disturbed_decrease(law: RMPC) -> Finding:
     """The same as printed, with the disturbance of the model acting: from rest any disturbance refutes it."""
-    tube = law.tube
+    tube = law.sets
     e = np.zeros(tube.plant.order)
     w = tube.plant.W.extreme(np.linalg.eigh(tube.P)[1][:, -1] @ tube.plant.A_delay)
     before = law.plan(e)
@@ -86,18 +81,19 @@ def disturbed_decrease(law: RMPC) -> Finding:
 
 def suboptimality(law: RSMPC, *, runs: int = 8, steps: int = 500, seed: int = 0) -> Finding:
     """Without disturbance the cost of the whole run stays below beta times J^1 at its start; (32)."""
-    tube, worst, witness = law.tube, np.inf, {}
+    tube, worst = law.sets, np.inf
+    witness: dict[str, object] = {}
     for first in starts(law, runs, seed=seed):
-        e, memory, spent = first, start(), 0.0
+        e, following, spent = first, start(), 0.0
         best = law.plan(e, 1)
         if not isinstance(best, Plan):
             return undecided(f"no plan at e = {e.tolist()}: {best.reason}")
         for k in range(steps):
-            decision, memory = law.act(memory, e)
-            if decision.infeasible:
-                return undecided(f"no plan at sample {k} from e = {first.tolist()}: {decision.infeasible}")
-            spent += float(e @ tube.Q @ e + tube.R * decision.du**2)
-            e = tube.plant.A @ e + tube.plant.b * decision.du
+            move, following = law.move(following, e)
+            if move.infeasible:
+                return undecided(f"no plan at sample {k} from e = {first.tolist()}: {move.infeasible}")
+            spent += float(e @ tube.Q @ e + tube.R * move.du**2)
+            e = tube.plant.A @ e + tube.plant.b * move.du
         slack = (law.beta * best.J - spent) / max(law.problem(1).program.cost_size, best.J)
         if slack < worst:
             worst, witness = slack, {"e": first, "beta J": law.beta * best.J, "spent": spent, "e at the end": e}
@@ -108,16 +104,16 @@ def suboptimality(law: RSMPC, *, runs: int = 8, steps: int = 500, seed: int = 0)
 
 def disturbed_suboptimality(law: RSMPC, *, steps: int = 100) -> Finding:
     """The same as printed, with the disturbance of the model acting: from rest, where J is 0, it cannot hold."""
-    tube = law.tube
+    tube = law.sets
     w = tube.plant.W.extreme(np.linalg.eigh(tube.P)[1][:, -1] @ tube.plant.A_delay)
-    e, memory, spent = np.zeros(tube.plant.order), start(), 0.0
+    e, following, spent = np.zeros(tube.plant.order), start(), 0.0
     best = law.plan(e, 1)
     if not isinstance(best, Plan):
         return undecided(best.reason)
     for _ in range(steps):
-        decision, memory = law.act(memory, e)
-        spent += float(e @ tube.Q @ e + tube.R * decision.du**2)
-        e = tube.plant.A @ e + tube.plant.b * decision.du + tube.plant.A_delay @ w
+        move, following = law.move(following, e)
+        spent += float(e @ tube.Q @ e + tube.R * move.du**2)
+        e = tube.plant.A @ e + tube.plant.b * move.du + tube.plant.A_delay @ w
     slack = (law.beta * best.J - spent) / law.problem(1).program.cost_size
     return _never_below(
         slack,
@@ -127,7 +123,7 @@ def disturbed_suboptimality(law: RSMPC, *, steps: int = 100) -> Finding:
     )
 
 
-def _never_below(slack: float, unit: str, witness: Mapping[str, Any], method: str) -> Finding:
+def _never_below(slack: float, unit: str, witness: Mapping[str, object], method: str) -> Finding:
     """Return the finding of a search for the least slack of an inequality, which may be below 0 by rounding only."""
     return Finding(
         standing=Standing.SUPPORTED if slack >= -SLACK else Standing.REFUTED,
@@ -139,13 +135,13 @@ def _never_below(slack: float, unit: str, witness: Mapping[str, Any], method: st
 
 
 def recursive_feasibility(
-    law: RMPC | RSMPC, plant: DelayedPlant, bounds: Polytope, *, runs: int = 200, seed: int = 0
+    law: Deciding, plant: DelayedPlant, bounds: Polytope, *, runs: int = 200, seed: int = 0
 ) -> Finding:
     """No run from the edge of the feasible set is ever without a plan or breaks a bound, whatever W does.
 
     ``plant`` and ``bounds`` are the true ones, which the law's tube may have been designed against or not.
     """
-    found = campaign(law, deciding(law), plant, bounds, runs=runs, seed=seed)
+    found = campaign(law, law.deciding, plant, bounds, runs=runs, seed=seed)
     method = (
         f"{found.runs} runs of 60 samples from the edge of the feasible set, uniform, vertex and aimed disturbances: "
         f"{found.infeasible} infeasible, {found.violated} beyond a bound of the plant"

@@ -5,13 +5,15 @@ Each returns why a premise is not met, in one sentence, or None.
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 import numpy as np
 
+from models.actuator import Actuator
 from models.plant import Plant
 from verification.enclosure.box import Box
+from workbench.contracts.law import AnyLaw
+from workbench.contracts.study import Study
+from workbench.evidence import trajectory
 
 STEPS = 60  # of Newton's method, a sample
 CLOSE = 1e-9  # of the wanted increment's size
@@ -19,35 +21,59 @@ CLOSE = 1e-9  # of the wanted increment's size
 
 def one_channel(plant: Plant) -> str | None:
     """Return why a theorem for one input and one output does not speak of a plant."""
-    if len(plant.inputs) == len(plant.outputs) == 1:
-        return None
-    return f"the theorem is for one input and one output, the plant has {len(plant.inputs)} and {len(plant.outputs)}"
+    several = trajectory.one_channel(plant)
+    return several and f"of the theorem: {several}"
 
 
-def same_but_for_the_input(study: Any) -> str | None:
-    """Return how trials differ besides their inputs: where they begin, or what disturbs them."""
+def same_but_for_the_input(study: Study, law: AnyLaw) -> str | None:
+    """Return how a law's trials may differ besides their inputs: where they begin, what disturbs them, the plant.
+
+    It is read off what the study declares, not off what happened to be drawn.
+    """
     if study.continues:
         return "a trial begins where the last one ended, so trials differ by more than their inputs"
-    first, *others = study.inputs()
-    if any(not np.array_equal(one.x0, first.x0) for one in others):
+    if not study.scenario.initial.repeats:
         return "trials begin in different states, so they differ by more than their inputs"
-    if any(not np.array_equal(one.w, first.w) for one in others):
+    if law.places:
+        return "the law moves the state in which a trial begins, so trials differ by more than their inputs"
+    if study.plant_that_runs.disturbances and not study.scenario.disturbance.repeats:
         return "the disturbance differs between trials, so they differ by more than their inputs"
-    return None
+    return same_plant(study)
 
 
-def no_noise(study: Any) -> str | None:
-    """Return that the study adds measurement noise, which the theorem leaves out."""
-    noisy = any(np.any(one.noise) for one in study.inputs())
-    return "the theorem leaves measurement noise out, and this study adds it" if noisy else None
+def same_plant(study: Study) -> str | None:
+    """Return which quantities of the plant change from trial to trial, so that there is no one plant to speak of."""
+    moving = [
+        f"{name} ({low:g} to {high:g} times the declared one)"
+        for name, one in study.scenario.truth.items()
+        if not one.repeats
+        for low, high in (one.range,)
+    ]
+    return f"the plant changes from trial to trial: {', '.join(moving)}" if moving else None
 
 
-def reference_within(study: Any, box: Box) -> str | None:
+def no_noise(study: Study) -> str | None:
+    """Return how much measurement noise the study may add, which the theorem leaves out."""
+    bound = study.scenario.noise.bound(study.plant)
+    if not bound.any():
+        return None
+    size = "of no bound" if np.isinf(bound).any() else f"of up to {bound.max():g}"
+    return f"the theorem leaves measurement noise out, and this study adds noise {size}"
+
+
+def nothing_between(study: Study) -> str | None:
+    """Return what lies between plan and plant: a theorem about what a plan does is not about what an actuator does."""
+    if study.plant_that_runs.states == study.plant.states and study.actuator == Actuator():
+        return None
+    return "an actuator lies between plan and plant, of which the theorem does not speak"
+
+
+def reference_within(study: Study, box: Box) -> str | None:
     """Return where the input that gives the reference's increments, or its trajectory, leaves a box.
 
     It is found by Newton's method sample after sample, so this looks and does not prove.
     """
-    plant: Plant = study.plant
+    plant = study.plant_that_runs
     begun = study.inputs()[0]
     at = plant.symbols()
     x_next = plant.next_state(**at)

@@ -9,11 +9,11 @@ the trajectories of the inputs between theirs, stay in the box.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from models.array import Array
 from models.plant import Plant
 from verification.checks.slope import slope
 from verification.enclosure.bounds import Attained, Bounds, bound
@@ -34,11 +34,11 @@ class SlopeBounds:
     ``reason`` says why something could not be bounded (its bound is then infinite), else None.
     """
 
-    a: Any
+    a: Array
     """|dx(k+1)/dx(k)|, (nx, nx)."""
-    b: Any
+    b: Array
     """|dx(k+1)/du(k)|, (nx,)."""
-    c: Any
+    c: Array
     """|ds(k+1)/dx(k)| of the learned signal s at the sample before its input acts, (nx,)."""
     gain_low: float
     """Smallest ds(k+1)/du(k)."""
@@ -101,7 +101,7 @@ def _unbounded(states: int, reason: str) -> SlopeBounds:
     return SlopeBounds(a=whole, b=row, c=row, gain_low=-np.inf, gain_high=np.inf, steepest=None, reason=reason)
 
 
-def off_diagonal(slopes: SlopeBounds, samples: int, weight: float = 1.0) -> Any:
+def off_diagonal(slopes: SlopeBounds, samples: int, weight: float = 1.0) -> Array:
     """Return bounds of sum over j < k of |ds(k+1)/du(j)| weight^(k-j), for k = 0..samples-1."""
     if slopes.reason:
         return np.full(samples, np.inf)
@@ -116,11 +116,11 @@ def off_diagonal(slopes: SlopeBounds, samples: int, weight: float = 1.0) -> Any:
     return rows
 
 
-def _up(value: Any) -> Any:
+def _up(value: Array) -> Array:
     return np.nextafter(value, np.inf)
 
 
-def _product(matrix: Any, vector: Any) -> Any:
+def _product(matrix: Array, vector: Array) -> Array:
     """Return a bound from above of a product of what is not negative."""
     result = np.zeros(matrix.shape[0])
     for j in range(vector.size):

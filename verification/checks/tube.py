@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from verification.enclosure.exact_schur import closed_loop, proved_schur
@@ -34,7 +32,7 @@ def schur(tube: Tube) -> Finding:
         return Finding(standing=Standing.REFUTED, margin=1 - radius, unit="1", witness=witness, method=method)
     units = state_units(tube.A_cl)  # powers of two: the same loop, exactly
     A = tube.plant.A * units / units[:, None]
-    if proved_schur(closed_loop(A, tube.plant.b / units, tube.K * units)):
+    if proved_schur(closed_loop(A.tolist(), (tube.plant.b / units).tolist(), (tube.K * units).tolist())):
         return Finding(
             standing=Standing.PROVED,
             margin=1 - radius,
@@ -141,7 +139,7 @@ def horizon27(tube: Tube, N: int) -> Finding:
     first = min(out, default=worst)
     reach = tube.R_hold(first, first + N)
     face = tube.Sigma.labels.index(excess[first].label)
-    witness: dict[str, Any] = {
+    witness: dict[str, object] = {
         "M": first,
         "face": excess[first].label,
         "point of the tube": reach.extreme(tube.Sigma.H[face]),

@@ -2,27 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib.metadata import entry_points
-from typing import Any
+from pathlib import Path
+from typing import TypeVar
 
 from models.quantity import InvalidValue
-from verification.report.write import Report
+from models.users_code import InUsersCodeError, asking
+from verification.report.write import CASES, Report, write_into
 from verification.theorems import learning
-from workbench.contracts.examination import Examination
-from workbench.contracts.verdict import Claim, Verdict, undecided
+from workbench.contracts.examination import Examination, Figure, Table
+from workbench.contracts.settings import in_case
+from workbench.contracts.study import Study
+from workbench.contracts.verdict import DEFAULT, Claim, Finding, Verdict, undecided
 from workbench.trials import progress
-from workbench.trials.campaign import Campaign
+from workbench.trials.campaign import Campaign, run
 from workbench.trials.replay import replayed
 
+T = TypeVar("T")
+Scored = Mapping[str, Mapping[str, float | None]]
 GROUP = "workbench.claims"
 """The entry points that name a study's claims: ``name = "package.module:examine"``."""
 
 
-def judge(claim: Claim) -> Verdict:
+def judge(claim: Claim, case: str = DEFAULT) -> Verdict:
     """Run a claim's check. A check that crashes leaves the claim UNDECIDED, with the error as its method."""
     try:
         finding = claim.check()
+    except InUsersCodeError:  # a slip of the user's, which no standing should hide
+        raise
     except Exception as error:
         finding = undecided(f"the check failed: {type(error).__name__}: {error}")
     return Verdict(
@@ -35,26 +45,42 @@ def judge(claim: Claim) -> Verdict:
         unit=finding.unit,
         witness=finding.witness,
         method=finding.method,
+        case=case,
     )
 
 
 def examination_of(campaign: Campaign, *, full: bool = False) -> Examination:
     """Return the examination that belongs to a campaign's study.
 
-    An installed study names its ``examine(campaign, full=...)`` by an entry point; every other study made of trials
-    gets the claims of learning laws in general, :mod:`verification.theorems.learning`. Raises InvalidValue for a
-    study of another kind that has no claims.
+    An installed study names its ``examine(campaign, full=...)`` by an entry point; every other study gets the claims
+    of learning laws in general, :mod:`verification.theorems.learning`. What the study claims itself stands after them.
+    Raises InvalidValue in one line for claims that cannot be made.
     """
-    named = entry_points(group=GROUP, name=campaign.study.name)
-    if named:
-        examination: Examination = next(iter(named)).load()(campaign, full=full)
-        return examination
-    if "mse" not in campaign.data:
-        raise InvalidValue(
-            f"there are no claims about {campaign.study.name}, which is not made of trials: "
-            "use workbench run, or give verify an Examination of your own"
-        )
-    return learning.examine(campaign, full=full)
+    study = campaign.study
+    named = entry_points(group=GROUP, name=study.name)
+    made: Examination = (next(iter(named)).load() if named else learning.examine)(campaign, full=full)
+    return dataclasses.replace(made, claims=[*made.claims, *_own(campaign)]) if study.claims else made
+
+
+def _own(campaign: Campaign) -> list[Claim]:
+    """Return the claims that a study makes itself, whose slips are told with their place."""
+    found: list[Claim] = []
+    for claimer in campaign.study.claims:
+        with asking("the claims of the study", claimer):
+            made = claimer(campaign.study, campaign.data)
+            for one in made:
+                if not isinstance(one, Claim):
+                    raise InvalidValue(f"claims must be Claim objects, got {one!r}")
+            found += [dataclasses.replace(one, check=partial(_asked, one)) for one in made]
+    return found
+
+
+def _asked(claim: Claim) -> Finding:
+    with asking(f"the check of {claim.name}", claim.check):
+        finding = claim.check()
+        if not isinstance(finding, Finding):
+            raise InvalidValue(f"a check must give a Finding, got {finding!r}")
+        return finding
 
 
 def verify(
@@ -70,6 +96,8 @@ def verify(
     adds the long sweeps. A campaign that was loaded is run again first, and held against its record: see
     :func:`workbench.trials.replay.replayed`, which raises InvalidValue where the two depart.
     """
+    if not isinstance(campaign, Campaign):
+        raise InvalidValue(f"verify takes a campaign, as in verify(run(study)); got {campaign!r}")
     replayed(campaign, show_progress=show_progress)
     if claims is None:
         chosen = examination_of(campaign, full=full)
@@ -77,15 +105,17 @@ def verify(
         chosen = claims if isinstance(claims, Examination) else Examination(claims=claims, conclude=lambda _: [])
     shown = progress.bar if show_progress else progress.silent
     verdicts: list[Verdict] = []
-    with shown(len(chosen.claims), f"verify {campaign.study.name}") as advance:
+    with shown(len(chosen.claims), f"verify {campaign.study.name} {campaign.study.case}".strip()) as advance:
         for claim in chosen.claims:
-            verdicts.append(judge(claim))
+            verdicts.append(judge(claim, campaign.study.case or DEFAULT))
             advance(1)
     failed: list[str] = []
-    figures = _made("figures", chosen.figures, {}, failed)
-    tables = _made("tables", chosen.tables, [], failed)
-    scores = _made("scores", chosen.scores, {}, failed)
-    conclusion = _made("conclusion", lambda: list(chosen.conclude(verdicts)), [], failed)
+    nothing: tuple[Mapping[str, Figure], Sequence[Table], Scored] = ({}, [], {})
+    figures = _made("figures", chosen.figures, nothing[0], failed)
+    tables = _made("tables", chosen.tables, nothing[1], failed)
+    scores = _made("scores", chosen.scores, nothing[2], failed)
+    said: Sequence[str] = []
+    conclusion = _made("conclusion", lambda: chosen.conclude(verdicts), said, failed)
     return Report(
         campaign=campaign,
         verdicts=verdicts,
@@ -96,7 +126,31 @@ def verify(
     )
 
 
-def _made(what: str, make: Callable[[], Any], nothing: Any, failed: list[str]) -> Any:
+def verify_cases(
+    study: Study, draft: Path, *, only: str | None = None, full: bool = False, show_progress: bool = True
+) -> Report:
+    """Run and check a study in every case, or in one, and write each into a folder as it comes; return one report.
+
+    The default case, or the one that is asked for, lies at the top of ``draft``; every other in ``cases/NAME``, with
+    files of the same names. Verdicts and report, which speak of all cases, are at the top alone.
+    """
+    first = in_case(study, only or "")
+    done = run(first, show_progress=show_progress)
+    done.record(draft)
+    found = verify(done, full=full, show_progress=show_progress)
+    others: dict[str, Report] = {}
+    for name in () if only is not None else study.cases:
+        campaign = run(in_case(study, name), show_progress=show_progress)
+        folder = draft / CASES / name
+        folder.mkdir(parents=True)
+        campaign.record(folder)
+        others[name] = verify(campaign, full=full, show_progress=show_progress)
+    whole = dataclasses.replace(found, cases=others)
+    write_into(whole, draft, show_progress=show_progress)
+    return whole
+
+
+def _made(what: str, make: Callable[[], T], nothing: T, failed: list[str]) -> T:
     """Return what is made, or nothing with a sentence: verdicts are not lost to what goes round them."""
     try:
         return make()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
@@ -11,7 +11,11 @@ from scipy.linalg import solve_discrete_lyapunov
 Rows = list[list[Fraction]]
 
 
-def closed_loop(A: Any, b: Any, K: Any) -> Rows:
+Row = Sequence[float]
+Matrix = Sequence[Row]
+
+
+def closed_loop(A: Matrix, b: Row, K: Row) -> Rows:
     """Return A + b K exactly, for float arrays A (n, n), b (n,), K (n,)."""
     n = len(b)
     return [[Fraction(A[i][j]) + Fraction(b[i]) * Fraction(K[j]) for j in range(n)] for i in range(n)]
@@ -39,7 +43,7 @@ def _product(first: Rows, second: Rows) -> Rows:
     return [[_dot(row, column) for column in columns] for row in first]
 
 
-def _dot(first: Any, second: Any) -> Fraction:
+def _dot(first: Sequence[Fraction], second: Sequence[Fraction]) -> Fraction:
     return sum((a * b for a, b in zip(first, second, strict=True)), Fraction(0))
 
 

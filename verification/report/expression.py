@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -93,7 +93,7 @@ def equations(
     if len(writer.definitions) > MOST_DEFINITIONS:
         raise InvalidValue(
             f"equations of at most {MOST_DEFINITIONS} named parts are typeset, got {len(writer.definitions)}: a plant "
-            "that integrates a right-hand side is shown by that one where it gives slope and integrator"
+            "that integrates a right-hand side is shown by that one where it gives rhs in place of step"
         )
     outputs = tuple(tuple(shown[id(root)] for root in column) for column in roots)
     return Equations(tuple(writer.definitions), outputs)
@@ -146,7 +146,7 @@ def width(term: Term) -> float:
 
 def _walked(graph: Graph, names: Sequence[Sequence[str]]) -> tuple[list[Term], list[list[Term]], dict[int, int]]:
     """Return every distinct operation in order of evaluation, the outputs, and how often each is used."""
-    known: dict[Any, Term] = {}
+    known: dict[object, Term] = {}
 
     def node(op: str, args: tuple[Term, ...] = (), value: float = 0.0, name: str = "") -> Term:
         key = (op, tuple(map(id, args)), value, name)
@@ -213,7 +213,7 @@ class _Writer:
     def __init__(self, fresh: Iterator[str], uses: dict[int, int]) -> None:
         self.fresh, self.uses = fresh, uses
         self.definitions: list[Equation] = []
-        self.known: dict[Any, Term] = {}
+        self.known: dict[object, Term] = {}
         self.named: dict[int, Term] = {}
 
     def term(self, op: str, args: Sequence[Term] = (), value: float = 0.0, name: str = "") -> Term:

@@ -7,13 +7,14 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
 from verification.report.notation import clean
-from workbench.contracts.verdict import Standing, Verdict
+from workbench.contracts.verdict import DEFAULT, Standing, Verdict
 
 
 def junit(study: str, version: str, verdicts: Sequence[Verdict]) -> str:
     """Return ``verdicts.xml``: REFUTED is a failure, UNDECIDED an error, anything else passes.
 
-    The class of every case is the study; its name is the claim, with the controller in brackets.
+    The class of every test case is the study, then its case where that is not the default; its name is the claim,
+    with the controller in brackets.
     """
     counts = {
         "tests": len(verdicts),
@@ -27,7 +28,15 @@ def junit(study: str, version: str, verdicts: Sequence[Verdict]) -> str:
     ET.SubElement(properties, "property", {"name": "version", "value": clean(version)})
     for one in verdicts:
         name = f"{one.claim}[{one.controller}]" if one.controller else one.claim
-        case = ET.SubElement(suite, "testcase", {"classname": clean(study), "name": clean(name), "time": "0"})
+        case = ET.SubElement(
+            suite,
+            "testcase",
+            {
+                "classname": clean(study if one.case == DEFAULT else f"{study}.{one.case}"),
+                "name": clean(name),
+                "time": "0",
+            },
+        )
         text = clean(_text(one))
         if one.standing in (Standing.REFUTED, Standing.UNDECIDED):
             kind = "failure" if one.standing is Standing.REFUTED else "error"

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 
-from models.discretise import Integrated
-from models.plant import Plant, Signal, Values, stacked
+from models.expression import Expression
+from models.plant import Plant, Signal
 from models.quantity import is_declared, symbolised, walked
 from verification.report.expression import CONDITIONS, LINE, Equation, Term, equations, width
 from verification.report.notation import Latex, MathML, Pen, symbol
@@ -96,7 +96,7 @@ def typeset(plant: Plant) -> Typeset:
     ]
     if named.k in used:
         rows.append(SignalRow(_whole(pen.identifier(named.k)), "index", named.k, "1", "sample"))
-    integrator = plant.integrator if isinstance(plant, Integrated) else ""
+    integrator = plant.integrator.phrase if plant.continuous else ""
     return Typeset(mathml(plant), tuple(rows), parameters, integrator)
 
 
@@ -110,7 +110,7 @@ class _Named(NamedTuple):
     k: str
     y: list[str]
     parameters: list[str]
-    symbols: tuple[Any, ...]
+    symbols: tuple[Expression, ...]
     paths: tuple[str, ...]
     values: tuple[float, ...]
 
@@ -148,7 +148,7 @@ def equations_of(thing: Plant | ca.Function) -> list[Equation]:
     """Return equations as (left side, tree), definitions of shared parts first.
 
     The left side is a name, followed by ``(k+1)`` or ``(k)`` for the states and outputs of a plant; ``(dt)`` stands
-    for the derivative by time, for a plant that integrates a right-hand side (:class:`Integrated`).
+    for the derivative by time, for a plant that is given in continuous time.
     """
     if isinstance(thing, ca.Function):
         inputs = [_entries(thing.name_in(i), thing.numel_in(i)) for i in range(thing.n_in())]
@@ -157,12 +157,13 @@ def equations_of(thing: Plant | ca.Function) -> list[Equation]:
     else:
         named = _named(thing)
         at = thing.symbols()
-        after, mark = _motion(named.plant, at)
+        after, marks = _motion(named.plant, at)
         outputs = [after, named.plant.measured(at["x"])]
         columns = [*at.values(), *named.symbols]
         names = [named.x, named.u, named.w, [named.k], *([name] for name in named.parameters)]
         found = equations(ca.Function("plant", columns, [ca.SX(value) for value in outputs]), names)
-        lefts = [[f"{name}{mark}" for name in named.x], [f"{name}(k)" for name in named.y]]
+        moved = [f"{name}{mark}" for name, mark in zip(named.x, marks, strict=True)]
+        lefts = [moved, [f"{name}(k)" for name in named.y]]
     pairs = [
         Equation(left, right)
         for column, rights in zip(lefts, found.outputs, strict=True)
@@ -171,13 +172,20 @@ def equations_of(thing: Plant | ca.Function) -> list[Equation]:
     return [*found.definitions, *pairs]
 
 
-def _motion(plant: Plant, at: dict[str, ca.SX]) -> tuple[Any, str]:
-    """Return the next state, or the slope of a plant that integrates one, and how its left side is marked."""
-    if not isinstance(plant, Integrated):
-        return plant.next_state(**at), "(k+1)"
-    x, u, w = Values(plant.states, at["x"]), Values(plant.inputs, at["u"]), Values(plant.disturbances, at["w"])
-    slope = plant.slope(x, u, w, at["k"] * plant.sampling_time)
-    return stacked(slope, plant.states, f"{type(plant).__name__}.slope"), "(dt)"
+def _motion(plant: Plant, at: dict[str, ca.SX]) -> tuple[ca.SX, list[str]]:
+    """Return what the states become and how each left side is marked.
+
+    That is the next state; of a plant in continuous time the slope, but for states that change at samples only.
+    """
+    if not plant.continuous:
+        return plant.next_state(**at), ["(k+1)"] * len(plant.states)
+    slope = plant.slope(at["x"], at["u"], at["w"], at["k"] * plant.sampling_time)
+    flown = ca.SX.sym("flown", len(plant.states))
+    after = plant.sampled(flown, at["x"], at["u"])
+    flows = [ca.is_equal(after[i], flown[i]) for i in range(flown.numel())]
+    jumped = ca.substitute(after, flown, at["x"])
+    rows = [slope[i] if flow else jumped[i] for i, flow in enumerate(flows)]
+    return ca.vertcat(*rows), ["(dt)" if flow else "(k+1)" for flow in flows]
 
 
 def _dense(function: ca.Function, inputs: list[list[str]]) -> ca.Function:

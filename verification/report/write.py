@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-import io
 import json
 import logging
 import math
 import os
 import re
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jinja2
+import numpy as np
 from markupsafe import Markup
 
 from models.quantity import InvalidValue
+from verification.report.embedded import Drawn, embedded, titled
 from verification.report.junit import junit
 from verification.report.notation import clean
 from verification.report.typeset import Typeset, typeset
+from workbench.contracts import settings
 from workbench.contracts.examination import Figure, Table
 from workbench.contracts.number import finite
-from workbench.contracts.study import Progress
-from workbench.contracts.verdict import Standing, Verdict
-from workbench.trials import progress, settings
-from workbench.trials.campaign import Campaign, figure_file, write_figures
+from workbench.contracts.study import Progress, Scores, Study
+from workbench.contracts.verdict import DEFAULT, Standing, Verdict
+from workbench.trials import progress
+from workbench.trials.campaign import Campaign, write_figures
 from workbench.trials.draft import replacing
 from workbench.trials.provenance import plants_of
 
@@ -40,21 +40,12 @@ STANDINGS = {
 }
 """The sign of every standing, and what it says of a claim."""
 FEW = 5
-SMALL_SVG = 60_000
-"""Bytes up to which a figure stands in the page as SVG; a larger one stands there as PNG."""
+CASES = "cases"
+"""The folder that holds a folder for every case but the first."""
+Numbered = tuple[int, Verdict]
+"""A verdict with its number in the page."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 log = logging.getLogger(__name__)
-
-
-class Drawn(NamedTuple):
-    """A figure as the page shows it: where it stands as a file, its size in CSS pixels, its content in the page."""
-
-    name: str
-    caption: str
-    width: int
-    height: int
-    data: Markup | None
-    failure: str = ""
 
 
 class Equations(NamedTuple):
@@ -64,6 +55,32 @@ class Equations(NamedTuple):
     source: str
     typeset: Typeset | None
     failure: str = ""
+
+
+class Part(NamedTuple):
+    """What the page shows of one case of the study."""
+
+    case: str
+    prefix: str
+    """What the names of its places in the page begin with."""
+    folder: str
+    changes: Sequence[tuple[str, object]]
+    """Settings that differ from the study as it is declared, by path."""
+    conclusion: Sequence[str]
+    verdicts: Sequence[Numbered]
+    controllers: Sequence[str]
+    claims: Mapping[str, Mapping[str, Sequence[Numbered]]]
+    counts: Mapping[Standing, int]
+    tables: Sequence[Table]
+    metrics: Sequence[str]
+    scores: Scores
+    stopped: Sequence[tuple[str, str]]
+    figures: Sequence[Drawn]
+
+    @property
+    def spoken(self) -> str:
+        """What a name that is read aloud ends with, so that no two are the same."""
+        return f", case {self.case}" if self.prefix else ""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -76,6 +93,18 @@ class Report:
     figures: Mapping[str, Figure]
     tables: Sequence[Table]
     scores: Mapping[str, Mapping[str, float | None]]
+    cases: Mapping[str, Report] = dataclasses.field(default_factory=dict)
+    """The reports of the study's other cases, by name."""
+
+    @property
+    def all_verdicts(self) -> list[Verdict]:
+        """The verdicts, then those of the other cases."""
+        return [*self.verdicts, *(one for report in self.cases.values() for one in report.verdicts)]
+
+    @property
+    def case(self) -> str:
+        """The study's case that this speaks of, its other ones aside."""
+        return self.campaign.study.case or DEFAULT
 
     def save(self, folder: str | os.PathLike[str]) -> Path:
         """Write everything that ``workbench verify`` writes into a folder, all or nothing; return the folder.
@@ -95,43 +124,84 @@ def write(report: Report, folder: str | os.PathLike[str], *, show_progress: bool
     Raises InvalidValue where it cannot be written, or holds what no run wrote.
     """
     with replacing(folder) as draft:
-        report.campaign.record(draft)
+        for folder_of, one in _folders(report, draft):
+            one.campaign.record(folder_of)
         write_into(report, draft, show_progress=show_progress)
     return Path(folder)
 
 
 def write_into(report: Report, draft: Path, *, show_progress: bool = True) -> None:
-    """Write scores.json, the study's documents, figures/, verdicts.json, verdicts.xml and report.html into a folder.
+    """Write verdicts.json, verdicts.xml and report.html into a folder, and what belongs to every case.
 
-    The record is written by :meth:`workbench.trials.campaign.Campaign.record`, before anything is verified. A figure
-    that cannot be drawn leaves its reason in the report.
+    That is scores.json, the study's documents and figures/, of the first case into the folder itself, of every other
+    into ``cases/NAME`` in it; there are no figures of evidence of the others. The record is written by
+    :meth:`workbench.trials.campaign.Campaign.record`, before anything is verified. A figure that cannot be drawn
+    leaves its reason in the report.
     """
-    campaign, scores = report.campaign, scores_json(report)
+    campaign = report.campaign
     _text(draft / "verdicts.json", json.dumps(verdicts_json(report), indent=2, allow_nan=False))
-    _text(draft / "verdicts.xml", junit(campaign.study.name, _version(report), report.verdicts))
-    _text(draft / "scores.json", json.dumps(scores, indent=2, allow_nan=False))
-    campaign.write_documents(draft)
-    figures = _drawn(report, draft / "figures", progress.bar if show_progress else progress.silent)
-    _text(draft / "report.html", html(report, figures, scores["scores"]))
+    _text(draft / "verdicts.xml", junit(campaign.study.name, _version(report), report.all_verdicts))
+    parts: list[Part] = []
+    for folder, one in _folders(report, draft):
+        scores = all_scores(one)
+        content = {**one.campaign.scores_json(), "scores": scores}
+        _text(folder / "scores.json", json.dumps(content, indent=2, allow_nan=False))
+        one.campaign.write_documents(folder)
+        shown_as = progress.bar if show_progress else progress.silent
+        figures = _drawn(one, folder / "figures", shown_as, evidence=one is report)
+        first = 1 + sum(len(part.verdicts) for part in parts)
+        parts.append(_part(one, first, figures, scores, folder.relative_to(draft)))
+    _text(draft / "report.html", html(report, parts))
 
 
-def verdicts_json(report: Report) -> list[dict[str, Any]]:
+def _folders(report: Report, draft: Path) -> Iterator[tuple[Path, Report]]:
+    """Give the folder of every case, made where it is not there, and the report of that case."""
+    yield draft, report
+    for name, other in report.cases.items():
+        folder = draft / CASES / name
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder, other
+
+
+def _part(report: Report, first: int, figures: Sequence[Drawn], scores: Scores, folder: Path) -> Part:
+    """Return what the page shows of a case, its verdicts numbered from ``first`` on."""
+    study, alone = report.campaign.study, folder == Path()
+    numbered = list(enumerate(report.verdicts, first))
+    controllers, claims = at_a_glance(numbered)
+    return Part(
+        case=report.case,
+        prefix="" if alone else f"case-{report.case}-",
+        folder="." if alone else f"{folder.as_posix()}/",
+        changes=list(study.cases.get(study.case, {}).items()),
+        conclusion=report.conclusion,
+        verdicts=numbered,
+        controllers=controllers,
+        claims=claims,
+        counts={standing: sum(one.standing is standing for one in report.verdicts) for standing in Standing},
+        tables=report.tables,
+        metrics=list(dict.fromkeys(metric for row in scores.values() for metric in row)),
+        scores=scores,
+        stopped=_stopped(report),
+        figures=figures,
+    )
+
+
+def verdicts_json(report: Report) -> list[dict[str, object]]:
     """Return the content of ``verdicts.json``."""
-    return [verdict.as_json() for verdict in report.verdicts]
+    return [verdict.as_json() for verdict in report.all_verdicts]
 
 
-def scores_json(report: Report) -> dict[str, Any]:
-    """Return the content of ``scores.json``: the campaign's metrics, with those that the checks add."""
-    content = report.campaign.scores_json()
+def all_scores(report: Report) -> Scores:
+    """Return the campaign's metrics, with those that the checks add."""
+    scores = {controller: dict(row) for controller, row in report.campaign.scores().items()}
     for controller, metrics in report.scores.items():
-        row = content["scores"].setdefault(controller, {})
-        row.update({name: finite(value) for name, value in metrics.items()})
-    return content
+        scores.setdefault(controller, {}).update({name: finite(value) for name, value in metrics.items()})
+    return scores
 
 
 def exit_status(report: Report, *, strict: bool = False) -> int:
     """Return 3 if any claim is refuted and ``strict``, else 1 if any is undecided, else 0."""
-    standings = {verdict.standing for verdict in report.verdicts}
+    standings = {verdict.standing for verdict in report.all_verdicts}
     if strict and Standing.REFUTED in standings:
         return 3
     return 1 if Standing.UNDECIDED in standings else 0
@@ -139,18 +209,20 @@ def exit_status(report: Report, *, strict: bool = False) -> int:
 
 def verdict_table(report: Report) -> list[tuple[str, ...]]:
     """Return the verdicts as rows of short text, a header first, for a terminal."""
-    rows: list[tuple[str, ...]] = [("claim", "controller", "standing", "margin")]
-    for one in report.verdicts:
+    several = bool(report.cases)
+    rows: list[tuple[str, ...]] = [(*(("case",) if several else ()), "claim", "controller", "standing", "margin")]
+    for one in report.all_verdicts:
         unit = one.unit if one.margin is not None and one.unit != "1" else ""
         margin = "-" if one.margin is None else f"{one.margin:.4g} {unit}".rstrip()
-        rows.append((one.claim, one.controller or "-", str(one.standing), margin))
+        case = (one.case,) if several else ()
+        rows.append((*case, one.claim, one.controller or "-", str(one.standing), margin))
     return rows
 
 
 def tally(report: Report) -> str:
     """Return how many claims have which standing, in one line."""
-    counts = {standing: sum(one.standing is standing for one in report.verdicts) for standing in Standing}
-    return f"{len(report.verdicts)} verdicts: " + ", ".join(f"{counts[one]} {one}" for one in Standing)
+    counts = {standing: sum(one.standing is standing for one in report.all_verdicts) for standing in Standing}
+    return f"{len(report.all_verdicts)} verdicts: " + ", ".join(f"{counts[one]} {one}" for one in Standing)
 
 
 def fragment(report: Report) -> str:
@@ -166,7 +238,7 @@ def fragment(report: Report) -> str:
         Markup("<tr>{}</tr>").format(
             Markup("").join(
                 [
-                    left.format(Markup("<code>{}</code>").format(one.claim)),
+                    left.format(Markup("<code>{}</code>").format(one.label)),
                     left.format(one.controller or "–"),
                     left.format(
                         Markup('<b style="color:{}">{} {}</b>').format(
@@ -180,7 +252,7 @@ def fragment(report: Report) -> str:
                 ]
             )
         )
-        for one in report.verdicts
+        for one in report.all_verdicts
     ]
     names = ("claim", "controller", "standing", "margin", "statement")
     head = Markup("").join(Markup('<th scope="col" style="text-align:left">{}</th>').format(name) for name in names)
@@ -188,32 +260,23 @@ def fragment(report: Report) -> str:
     return str(table.format(tally(report), head, Markup("").join(rows)))
 
 
-def html(report: Report, figures: Sequence[Drawn], scores: Mapping[str, Mapping[str, float | None]]) -> str:
-    """Return ``report.html``: one file that fetches nothing and runs nothing."""
+def html(report: Report, parts: Sequence[Part]) -> str:
+    """Return ``report.html``: one file that fetches nothing and runs nothing, with a section a case."""
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {"number": shown, "breakable": breakable, "setting": setting}
     template = environment.from_string(files(__package__).joinpath("report.html.j2").read_text(encoding="utf-8"))
     study = report.campaign.study
-    counts = {standing: sum(one.standing is standing for one in report.verdicts) for standing in Standing}
-    controllers, claims = at_a_glance(report.verdicts)
+    counts = {standing: sum(one.standing is standing for one in report.all_verdicts) for standing in Standing}
     page = template.render(
         study=study,
         version=_version(report),
         standings=[(standing, STANDINGS[standing][1], counts[standing]) for standing in Standing],
         signs={standing: STANDINGS[standing][0] for standing in Standing},
-        conclusion=report.conclusion,
-        verdicts=report.verdicts,
-        controllers=controllers,
-        claims=claims,
+        parts=parts,
         equations=list(_equations(study)),
         settings=settings.rows(study),
-        tables=report.tables,
-        metrics=list(dict.fromkeys(metric for row in scores.values() for metric in row)),
-        scores=scores,
-        stopped=_stopped(report),
-        figures=figures,
         witness=witness,
         Markup=Markup,
     )
@@ -231,13 +294,13 @@ def shown(value: float | None) -> str:
     return f"{digits}·10{str(int(exponent)).translate(SUPERSCRIPTS)}" if exponent else digits
 
 
-def shown_value(value: Any, number: Callable[[float], str] = shown) -> str:
+def shown_value(value: object, number: Callable[[float], str] = shown) -> str:
     """Return any value of a witness or a setting as short text: of a long row, both ends."""
     if isinstance(value, str) or value is None:
         return "none" if value is None else value
     if isinstance(value, bool):
         return "true" if value else "false"
-    if hasattr(value, "tolist"):
+    if isinstance(value, (np.ndarray, np.generic)):
         return shown_value(value.tolist(), number)
     if isinstance(value, Mapping):
         return f"({', '.join(f'{key} = {shown_value(inner, number)}' for key, inner in value.items())})"
@@ -251,7 +314,7 @@ def shown_value(value: Any, number: Callable[[float], str] = shown) -> str:
     return number(value) if isinstance(value, float) else str(value)
 
 
-def setting(value: Any) -> str:
+def setting(value: object) -> str:
     """Return a setting's value as text, its numbers in full."""
     return shown_value(value, lambda number: f"{number:.12g}")
 
@@ -261,11 +324,11 @@ def witness(verdict: Verdict) -> list[tuple[str, str]]:
     return [(str(key), shown_value(value)) for key, value in (verdict.witness or {}).items()]
 
 
-def at_a_glance(verdicts: Sequence[Verdict]) -> tuple[list[str], dict[str, dict[str, list[tuple[int, Verdict]]]]]:
+def at_a_glance(verdicts: Sequence[Numbered]) -> tuple[list[str], dict[str, dict[str, list[Numbered]]]]:
     """Return the controllers, and by claim and controller the numbered verdicts."""
-    controllers = list(dict.fromkeys(one.controller or "" for one in verdicts))
-    claims: dict[str, dict[str, list[tuple[int, Verdict]]]] = {}
-    for number, one in enumerate(verdicts, 1):
+    controllers = list(dict.fromkeys(one.controller or "" for _, one in verdicts))
+    claims: dict[str, dict[str, list[Numbered]]] = {}
+    for number, one in verdicts:
         claims.setdefault(one.claim, {}).setdefault(one.controller or "", []).append((number, one))
     return controllers, claims
 
@@ -292,9 +355,9 @@ def _text(file: Path, content: str) -> None:
     file.write_text(content.rstrip("\n") + "\n", encoding="utf-8", errors="replace", newline="\n")
 
 
-def _equations(study: Any) -> Iterator[Equations]:
+def _equations(study: Study) -> Iterator[Equations]:
     for path, plant in plants_of(study):
-        source = str(getattr(plant, "source", ""))
+        source = plant.source
         try:
             yield Equations(path, source, typeset(plant))
         except Exception as error:
@@ -303,52 +366,26 @@ def _equations(study: Any) -> Iterator[Equations]:
             yield Equations(path, source, None, said)
 
 
-def _drawn(report: Report, folder: Path, shown: Progress) -> list[Drawn]:
-    """Draw every figure once, as files, and return what the page shows of each."""
+def _drawn(report: Report, folder: Path, shown: Progress, *, evidence: bool) -> list[Drawn]:
+    """Draw every figure once, as files, and return what the page shows of each; those of the evidence where wanted."""
     from workbench.trials.glyphs import said_together
 
     folder.mkdir()
-    plain = {name: Figure(caption=_titled(name), draw=draw) for name, draw in report.campaign.figures().items()}
-    figures = dict(report.figures) | {name: one for name, one in plain.items() if name not in report.figures}
+    plain = {name: Figure(caption=titled(name), draw=draw) for name, draw in report.campaign.figures().items()}
+    of_evidence = report.figures if evidence else {}
+    figures = dict(of_evidence) | {name: one for name, one in plain.items() if name not in of_evidence}
     drawn: list[Drawn] = []
-    with said_together(), shown(len(figures), "figures") as advance:
+    with said_together(), shown(len(figures), f"figures {report.campaign.study.case}".strip()) as advance:
         for name, figure in figures.items():
             try:
                 write_figures({name: figure.draw}, folder)
             except OSError:
                 raise
             except Exception as error:
-                log.warning("the figure %s could not be drawn: %s: %s", name, type(error).__name__, error)
-                drawn.append(Drawn(name, figure.caption, 0, 0, None, f"{type(error).__name__}: {error}"))
+                said = str(error) if isinstance(error, InvalidValue) else f"{type(error).__name__}: {error}"
+                log.warning("the figure %s could not be drawn: %s", name, said)
+                drawn.append(Drawn(name, figure.caption, 0, 0, None, said))
             else:
-                drawn.append(_embedded(name, figure.caption, folder))
+                drawn.append(embedded(name, figure.caption, folder))
             advance(1)
     return drawn
-
-
-def _embedded(name: str, caption: str, folder: Path) -> Drawn:
-    file = folder / figure_file(name)
-    svg = file.with_name(f"{file.name}.svg").read_bytes()
-    box = [float(number) for number in ET.fromstring(svg).attrib["viewBox"].split()]
-    if len(svg) <= SMALL_SVG:
-        small, kind = svg, "svg+xml"
-    else:
-        small, kind = _in_few_colours(file.with_name(f"{file.name}.png")), "png"
-    data = Markup(f"data:image/{kind};base64,{base64.b64encode(small).decode('ascii')}")
-    return Drawn(name, caption, round(box[2] * 96 / 72), round(box[3] * 96 / 72), data)
-
-
-def _in_few_colours(file: Path) -> bytes:
-    """Return a PNG with a palette, about a third of the size."""
-    from PIL import Image
-
-    written = io.BytesIO()
-    with Image.open(file) as image:
-        image.convert("RGB").quantize(128, dither=Image.Dither.NONE).save(written, "PNG", optimize=True)
-    return written.getvalue()
-
-
-def _titled(name: str) -> str:
-    words = [word.upper() if word in ("mse", "ppd", "rms") else word for word in name.split("_")]
-    text = " ".join(words)
-    return f"{text[:1].upper()}{text[1:]}."

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import SupportsFloat
 
 import numpy as np
 
+from verification.theorems.dossier import Dossier
 from workbench.contracts.examination import Table
 from workbench.contracts.verdict import Standing, Verdict
 
@@ -19,7 +20,7 @@ IDLE = 0.01  # median excitation share below which the estimate is said not to l
 USELESS = 1e6  # a transient bound above that is called of no use
 
 
-def paragraphs(files: Sequence[Any], verdicts: Sequence[Verdict]) -> Sequence[str]:
+def paragraphs(files: Sequence[Dossier], verdicts: Sequence[Verdict]) -> Sequence[str]:
     """Return what the verdicts mean, a paragraph a controller and one on the boxes.
 
     ``files`` are the controllers' dossiers (:class:`verification.theorems.learning.Dossier`).
@@ -42,7 +43,7 @@ def paragraphs(files: Sequence[Any], verdicts: Sequence[Verdict]) -> Sequence[st
     return said
 
 
-def boxes(files: Sequence[Any]) -> Sequence[Table]:
+def boxes(files: Sequence[Dossier]) -> Sequence[Table]:
     """Return the boxes that proofs are stated for as a table, a row a controller."""
     if not files:
         return []
@@ -95,7 +96,7 @@ def _shared(mine: Mapping[str, Mapping[str, Verdict]]) -> list[str]:
     return said
 
 
-def _sentences(d: Any, own: Mapping[str, Verdict], repaired: Sequence[str]) -> list[str]:
+def _sentences(d: Dossier, own: Mapping[str, Verdict], repaired: Sequence[str]) -> list[str]:
     e, unit, broken = d.evidence, d.mse_unit.replace("^2", "²"), _broken(own)
     text = [f"{d.controller}: the MSE went from {d.mse[0]:.4g} to {d.mse[-1]:.4g} {unit} in {d.mse.size} trials."]
     ratio = (e.ratio / e.partial)[np.isfinite(e.ratio)]
@@ -125,14 +126,14 @@ def _sentences(d: Any, own: Mapping[str, Verdict], repaired: Sequence[str]) -> l
 def _increment(own: Mapping[str, Verdict]) -> list[str]:
     covered = "A theorem of its own covers this law:"
     if _stands(own, "increment_monotone", Standing.PROVED):
-        factor = (own["increment_monotone"].witness or {}).get("factor_at_phi0", np.nan)
+        factor = _number(own["increment_monotone"], "factor_at_phi0", np.nan)
         return [
             f"{covered} the largest input error provably never grows from a trial to the next, for every phi > 0, and "
             f"while phi stays at phi(k,1) it shrinks to {100 * factor:.3g} % wherever the trial reaches: monotone "
             "convergence."
         ]
     if _stands(own, "increment_weighted", Standing.PROVED):
-        rise = float((own["increment_weighted"].witness or {}).get("transient", np.inf))
+        rise = _number(own["increment_weighted"], "transient", np.inf)
         sense = "too large to be of use" if rise > USELESS else "a pessimistic bound"
         return [
             f"{covered} a weighted input error provably never grows and, while the estimate stays bounded, shrinks "
@@ -141,6 +142,12 @@ def _increment(own: Mapping[str, Verdict]) -> list[str]:
             f"through the position), but at most {rise:.3g} times, {sense}."
         ]
     return []
+
+
+def _number(verdict: Verdict, name: str, otherwise: float) -> float:
+    """Return a number of a verdict's witness, or another where it has none of that name."""
+    value = (verdict.witness or {}).get(name)
+    return float(value) if isinstance(value, SupportsFloat) else otherwise
 
 
 def _lifted(own: Mapping[str, Verdict]) -> list[str]:
@@ -159,11 +166,11 @@ def _lifted(own: Mapping[str, Verdict]) -> list[str]:
     ]
 
 
-def _estimate(d: Any, own: Mapping[str, Verdict]) -> list[str]:
+def _estimate(d: Dossier, own: Mapping[str, Verdict]) -> list[str]:
     witness = (own["estimator"].witness or {}) if "estimator" in own else {}
-    share = witness.get("excitation_share_median")
-    if share is None:
+    if "excitation_share_median" not in witness:
         return []
+    share = _number(own["estimator"], "excitation_share_median", 0.0)
     median = float(np.nanmedian(d.evidence.relative_error()))
     error = f"its median relative error against the partial derivative is {median:.3g}"
     if share < IDLE:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 from workbench.contracts.verdict import Claim, Verdict
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MatplotlibFigure
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -23,7 +26,7 @@ class Figure:
     """A figure of a report: what it shows, and a function that draws it with Matplotlib."""
 
     caption: str
-    draw: Callable[[], Any]
+    draw: Callable[[], MatplotlibFigure]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

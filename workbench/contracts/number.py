@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import SupportsFloat
 
 
-def finite(value: Any) -> float | None:
+def finite(value: SupportsFloat | None) -> float | None:
     """Return a number as a finite float, or None for what does not exist or is not finite."""
     number = math.nan if value is None else float(value)
     return number if math.isfinite(number) else None

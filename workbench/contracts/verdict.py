@@ -5,9 +5,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from enum import StrEnum
-from typing import Any
+from typing import SupportsFloat
+
+import numpy as np
+import xarray as xr
 
 from workbench.contracts.number import finite
+
+DEFAULT = "default"
+"""The case that is the study as it is declared."""
 
 
 class Standing(StrEnum):
@@ -36,7 +42,7 @@ class Finding:
     method: str
     margin: float | None = None
     unit: str = ""
-    witness: Mapping[str, Any] | None = None
+    witness: Mapping[str, object] | None = None
 
     def __post_init__(self) -> None:
         """Raise ValueError for a refutation that nobody could replay, and for a witness with a function in it."""
@@ -74,13 +80,21 @@ class Verdict:
     standing: Standing
     margin: float | None
     unit: str
-    witness: Mapping[str, Any] | None
+    witness: Mapping[str, object] | None
     method: str
+    case: str = DEFAULT
+    """The study's case that was looked at."""
 
-    def as_json(self) -> dict[str, Any]:
+    @property
+    def label(self) -> str:
+        """The claim's name, with the case where that is not the study as declared."""
+        return self.claim if self.case == DEFAULT else f"{self.claim} ({self.case})"
+
+    def as_json(self) -> dict[str, object]:
         """Return the verdict as ``verdicts.json`` holds it; numbers that are not finite become null."""
         return {
             "claim": self.claim,
+            "case": self.case,
             "controller": self.controller,
             "statement": self.statement,
             "source": self.source,
@@ -92,21 +106,23 @@ class Verdict:
         }
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """Return a value in JSON's types."""
     if value is None or isinstance(value, (str, bool)):
         return value
     if isinstance(value, Mapping):
         return {str(key): _plain(inner) for key, inner in value.items()}
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
+    if isinstance(value, (np.ndarray, np.generic, xr.DataArray)):
+        return _plain(np.asarray(value).tolist())
     if isinstance(value, (list, tuple)):
         return [_plain(inner) for inner in value]
     if isinstance(value, int):
         return value
-    try:
-        return finite(value)
-    except (TypeError, ValueError, RuntimeError, NotImplementedError):
-        if callable(value):  # what would give a value stands where the value was meant
-            raise ValueError(f"a witness holds values, got the function {value!r}") from None
-        return str(value)
+    if isinstance(value, SupportsFloat):
+        try:
+            return finite(value)
+        except (TypeError, ValueError, RuntimeError, NotImplementedError):
+            return str(value)
+    if callable(value):  # what would give a value stands where the value was meant
+        raise ValueError(f"a witness holds values, got the function {value!r}")
+    return str(value)

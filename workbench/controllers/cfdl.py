@@ -2,56 +2,58 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
-import casadi as ca
-
+from models.expression import Expression
 from models.quantity import declared
 from workbench.contracts.law import LearnedSignal, Task, Trial
 from workbench.controllers.parts.ppd_estimator import Parameters
-from workbench.controllers.parts.rows import constant_row, known
+from workbench.controllers.parts.rows import constant_row, first_plan, known, zeros
 
 
 class Memory(NamedTuple):
     """Plan and estimate of the trial to come, and what the last trial left; rows of N or N + 1 columns."""
 
-    u: Any
-    phi: Any
-    u_before: Any
-    y_before: Any
-    trials: Any
+    u: Expression
+    phi: Expression
+    u_before: Expression
+    y_before: Expression
+    trials: Expression
 
 
 @declared
-class CFDL(Parameters):
+class CFDL(Parameters[Memory]):
     """CFDL-MFAILC (doi 10.7641/CTA.2024.30465). Defined for trials of the full length only: it refuses others.
 
     Ours: the law computes in units of ``force_unit``; phi(k,1), not published, defaults to sqrt(lam).
     """
 
     source: ClassVar[str] = "Jiao & Hou 2025, (11)-(13)"
+    told: ClassVar[tuple[str, ...]] = ("reference", "plan")
     learns_on: ClassVar[LearnedSignal | None] = "output"
 
-    def refusal(self, study: Any) -> str | None:
+    def refusal(self, task: Task) -> str | None:
         """Return the refusal of trial lengths that vary."""
-        if study.trial_length.law == "fixed":
+        if not task.varying_lengths:
             return None
         return (
-            f"cfdl needs fixed trial lengths, got {study.trial_length.law}: "
+            "cfdl needs fixed trial lengths, and these vary: "
             "set trial_length.law=fixed, or use icfdl, which is made for varying ones"
         )
 
     def start(self, task: Task) -> Memory:
         """Return the initial plan and phi0; no trial is known yet."""
         n = task.samples
-        u = constant_row(self.initial_input / self.force_unit, n)
-        return Memory(u, constant_row(self.first_estimate(), n), u, ca.DM.zeros(1, n + 1), ca.DM(0))
+        u = first_plan(task, self.initial_input, self.force_unit)
+        return Memory(u, constant_row(self.first_estimate(), n), u, zeros(1, n + 1), zeros())
 
-    def act(self, memory_k: Memory, state: Any, r: Any, r_next: Any, y: Any) -> tuple[Any, Any]:
+    def act(
+        self, memory_k: Memory, state: tuple[()], r: Expression, r_next: Expression, y: Expression
+    ) -> tuple[Expression, tuple[()]]:
         """Return the planned input in newtons."""
         return memory_k.u * self.force_unit, state
 
-    def learn(self, memory: Memory, trial: Trial) -> Memory:
+    def learn(self, memory: Memory, trial: Trial[tuple[()]]) -> Memory:
         """Return plan and estimate for the next trial; trial 2 is planned with phi0, having no differences."""
         du = memory.u - memory.u_before
         xi = known(memory.trials > 0, trial.y[1:] - memory.y_before[1:] - memory.phi * du)
@@ -59,6 +61,6 @@ class CFDL(Parameters):
         u = memory.u + self.rho * phi / (self.lam + phi**2) * trial.e[1:]  # (11)
         return Memory(u, phi, memory.u, trial.y, memory.trials + 1)
 
-    def ppd_estimate(self, memory: Memory) -> Any:
+    def ppd_estimate(self, memory: Memory) -> Expression:
         """Return phi in output units per newton."""
         return memory.phi / self.force_unit

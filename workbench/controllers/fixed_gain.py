@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
+from models.expression import Expression
 from models.quantity import choice, declared, quantity, switch
-from workbench.contracts.law import Law, LearnedSignal, Task, Trial
+from workbench.contracts.law import Channels, Law, LearnedSignal, Task, Trial
 from workbench.controllers.parts import d_type
 from workbench.controllers.parts.d_type import Memory
 
 
 @declared
-class FixedGain(Law):
+class FixedGain(Law[Memory, tuple[()]]):
     """F <- F + lam d/dt e_v, x(0) <- x(0) + lam0 e(0); outputs are position and speed.
 
     Ours: d/dt as the forward difference over a sample, F_0 the reference's acceleration.
     """
 
     source: ClassVar[str] = "Nanjing Institute of Technology, patent application 2017, (3), (5), with a constant gain"
+    channels: ClassVar[Channels] = Channels(outputs=2, inputs=1)
+    told: ClassVar[tuple[str, ...]] = ("reference", "plan")
     learns_on: ClassVar[LearnedSignal | None] = "output"
 
     lam: float = quantity(default=1.0, unit="1", doc="learning gain", above=0)
@@ -26,18 +29,20 @@ class FixedGain(Law):
     initial_learning: bool = switch(default=True, doc="whether the initial state is learned")
 
     def start(self, task: Task) -> Memory:
-        """Return the reference's acceleration, mean over every sample, and a start that was not moved."""
+        """Return the first plan (by default the reference's acceleration), and a start that was not moved."""
         return d_type.first(task)
 
-    def place(self, memory: Memory, x0: Any) -> Any:
+    def place(self, memory: Memory, x0: Expression) -> Expression:
         """Return the initial state: position and speed as learned."""
         return x0 + memory.moved
 
-    def act(self, memory_k: Memory, state: Any, r: Any, r_next: Any, y: Any) -> tuple[Any, Any]:
+    def act(
+        self, memory_k: Memory, state: tuple[()], r: Expression, r_next: Expression, y: Expression
+    ) -> tuple[Expression, tuple[()]]:
         """Return the planned force."""
         return memory_k.F, state
 
-    def learn(self, memory: Memory, trial: Trial) -> Memory:
+    def learn(self, memory: Memory, trial: Trial[tuple[()]]) -> Memory:
         """Return plan and start for the next trial."""
         rise = d_type.rise(trial, 1 if self.learns == "speed" else 0)
         F = memory.F + self.lam * rise / memory.sampling_time  # (3)

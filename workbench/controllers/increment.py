@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+import dataclasses
+from typing import ClassVar, NamedTuple, Self
 
 import casadi as ca
 
+from models.expression import Expression
 from models.quantity import declared, quantity
 from workbench.contracts.law import LearnedSignal, Task, Trial
 from workbench.controllers.parts import zero_phase
-from workbench.controllers.parts.ppd_estimator import Parameters
-from workbench.controllers.parts.rows import constant_row, known
+from workbench.controllers.parts.ppd_estimator import Parameters, scaled
+from workbench.controllers.parts.rows import constant_row, first_plan, known, missing, zeros
 
 
 class Memory(NamedTuple):
     """Plan and estimate of the trial to come, and what the last trial left; rows of N or N + 1 columns."""
 
-    u: Any
-    phi: Any
-    u_before: Any
-    y_before: Any
-    reached_before: Any
-    sampling_time: Any
+    u: Expression
+    phi: Expression
+    u_before: Expression
+    y_before: Expression
+    reached_before: Expression
+    sampling_time: Expression
 
 
 @declared
-class Increment(Parameters):
+class Increment(Parameters[Memory]):
     """The law (13)-(15) of Jiao & Hou (2025) on z(k+1) = y(k+1) - y(k) in place of y(k+1). Ours.
 
     The lifted operator from inputs to increments is nearly diagonal where the plant is nearly an integrator, so
@@ -36,6 +38,7 @@ class Increment(Parameters):
     """
 
     source: ClassVar[str] = "ours, after Jiao & Hou 2025, (13)-(15)"
+    told: ClassVar[tuple[str, ...]] = ("reference", "plan")
     learns_on: ClassVar[LearnedSignal | None] = "increment"
 
     force_unit: float = quantity(default=10_000.0, unit="N", doc="the unit that the law computes forces in", above=0)
@@ -48,9 +51,14 @@ class Increment(Parameters):
         structural=True,
     )
 
-    def refusal(self, study: Any) -> str | None:
+    @property
+    def filters_plan(self) -> bool:
+        """Whether there is a cutoff."""
+        return self.q_cutoff_hz is not None
+
+    def refusal(self, task: Task) -> str | None:
         """Return the refusal of a filter that the sampling time does not admit."""
-        limit = 0.5 / float(study.plant.sampling_time)
+        limit = 0.5 / float(task.sampling_time)
         if self.q_cutoff_hz is not None and self.q_cutoff_hz >= limit:
             return f"q_cutoff_hz must lie below half the sampling frequency, {limit:g} Hz, got {self.q_cutoff_hz:g}"
         return None
@@ -58,15 +66,16 @@ class Increment(Parameters):
     def start(self, task: Task) -> Memory:
         """Return the initial plan and phi0; no trial is known yet."""
         n = task.samples
-        u = constant_row(self.initial_input / self.force_unit, n)
-        nothing = ca.DM.nan(1, n + 1), ca.DM.zeros(1, n + 1)
-        return Memory(u, constant_row(self.first_estimate(), n), u, *nothing, task.sampling_time)
+        u, phi = first_plan(task, self.initial_input, self.force_unit), constant_row(self.first_estimate(), n)
+        return Memory(u, phi, u, missing(1, n + 1), zeros(1, n + 1), task.sampling_time)
 
-    def act(self, memory_k: Memory, state: Any, r: Any, r_next: Any, y: Any) -> tuple[Any, Any]:
+    def act(
+        self, memory_k: Memory, state: tuple[()], r: Expression, r_next: Expression, y: Expression
+    ) -> tuple[Expression, tuple[()]]:
         """Return the planned input in newtons."""
         return memory_k.u * self.force_unit, state
 
-    def learn(self, memory: Memory, trial: Trial) -> Memory:
+    def learn(self, memory: Memory, trial: Trial[tuple[()]]) -> Memory:
         """Return plan and estimate for the next trial; trial 2 is planned with phi0, having no differences."""
         reached = trial.reached[1:]
         both = ca.logic_and(reached, memory.reached_before[1:])
@@ -80,10 +89,14 @@ class Increment(Parameters):
             u = zero_phase.low_pass(u, self.q_cutoff_hz, memory.sampling_time)
         return Memory(u, phi, memory.u, trial.y, trial.reached, memory.sampling_time)
 
-    def ppd_estimate(self, memory: Memory) -> Any:
+    def ppd_estimate(self, memory: Memory) -> Expression:
         """Return phi in output units per newton."""
         return memory.phi / self.force_unit
 
+    def scaled_for(self, task: Task) -> Self:
+        """Return the law as every law with an estimate is scaled, its plan filtered at a tenth of the sampling rate."""
+        return dataclasses.replace(scaled(self, task), q_cutoff_hz=0.1 / float(task.sampling_time))
 
-def _increment(row: Any) -> Any:
+
+def _increment(row: Expression) -> Expression:
     return row[1:] - row[:-1]

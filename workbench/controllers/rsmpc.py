@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 from numpy.typing import ArrayLike
 
-from models.quantity import InvalidValue, count, declared, given, quantity, switch
+from models.quantity import InvalidValue, count, declared, given, part, quantity, switch
+from workbench.contracts.law import Channels, Decision, Law, Seen, Task
 from workbench.predictive.condensed import CondensedQP, Plan, condense
-from workbench.predictive.decision import Decision, Following, without_plan
+from workbench.predictive.decision import Following, Move, without_plan
+from workbench.predictive.design import Design, made_ready, seeing, tubed
 from workbench.predictive.quadratic_program import Infeasible
 from workbench.predictive.tube import Tube
+from workbench.predictive.view import TELLS, Riding, View, begun, decided, sight
 
 COST_TOLERANCE = 1e-9
 """By how much J^M may exceed J^1 and still count as no larger: rounding, a share of `WarmQP.cost_size`."""
@@ -27,8 +31,10 @@ class Selection(NamedTuple):
 
 
 @declared
-class RSMPC:
+class RSMPC(Law[tuple[()], Riding]):
     """Self-triggered tube MPC: hold the input as long as a held plan costs no more than one decided anew.
+
+    Without a tube of its own it designs one for its task, from the nominal model: see `Design`.
 
     Raises
     ------
@@ -41,8 +47,14 @@ class RSMPC:
 
     source: ClassVar[str] = "Liu, Xun, Gao & Yin 2022, (25)-(29)"
 
-    tube: Tube = given(doc="gain, weights and sets")
-    N: int = count(doc="horizon in samples; the input is held for 1 ... N-1 samples", least=2)
+    channels: ClassVar[Channels] = Channels(outputs=None)
+    told: ClassVar[tuple[str, ...]] = ("reference", "limits", "model", "state", "delay")
+    tells = TELLS
+    solves_per_sample: ClassVar[int] = 1
+
+    tube: Tube | None = given(default=None, doc="gain, weights and sets; None: designed for the task")
+    view: View | None = given(default=None, doc="how the tube's model sees the plant; None: designed for the task")
+    N: int = count(default=10, doc="horizon in samples; the input is held for 1 ... N-1 samples", least=2)
     beta: float = quantity(
         default=1.5,
         unit="1",
@@ -62,16 +74,44 @@ class RSMPC:
         doc="whether (27) as printed decides which M are offered; otherwise every M without an empty set is, "
         "which is enough for feasibility: holds are then longer and errors larger",
     )
+    feedback: bool = switch(
+        default=False,
+        doc="whether without a feasible plan the tube's feedback acts on what is seen; otherwise the last plan is "
+        "followed. A law that designs its tube has the feedback",
+    )
+    design: Design = part(default=Design(), doc="how tube and view are designed where there are none")
 
     def check(self) -> None:
         """Raise InvalidValue where not even a hold of one sample can be offered."""
-        if 1 not in self.offered:
+        if self.tube is not None and 1 not in self.offered:
             raise InvalidValue(f"holding for a single sample is impossible: {self.refused[1]}; make W smaller")
+
+    def ready_for(self, task: Task) -> Self:
+        """Return the law with a tube and a view. Raises InvalidValue where none can be designed."""
+        tube, view = made_ready(self.tube, self.view, self.design, task)
+        return self if tube is self.tube else dataclasses.replace(self, tube=tube, view=view, feedback=True)
+
+    def refusal(self, task: Task) -> str | None:
+        """Return why no tube can be designed for the task, or None."""
+        return None if self.tube is not None else self.design.refusal(type(self).__name__, task)
+
+    def start(self, task: Task) -> tuple[()]:
+        """Return no memory: it does not learn."""
+        return ()
+
+    def ready(self, memory: tuple[()]) -> Riding:
+        """Return the acting state before the first sample: no plan."""
+        return begun(self.sets.plant, seeing(self.view))
+
+    @property
+    def sets(self) -> Tube:
+        """The tube. Raises InvalidValue where it was not designed yet."""
+        return tubed(self.tube)
 
     @cached_property
     def refused(self) -> Mapping[int, str]:
         """The M of 1 ... N-1 that are never offered, each with the reason; (27)."""
-        return self.tube.held_conflicts(self.N, contained=self.contained)
+        return self.sets.held_conflicts(self.N, contained=self.contained)
 
     @property
     def offered(self) -> tuple[int, ...]:
@@ -85,7 +125,7 @@ class RSMPC:
             raise InvalidValue(f"M must be one of {self.offered}, got {M}{why}")
         built = self._problems
         if M not in built:
-            tube, N = self.tube, self.N
+            tube, N = self.sets, self.N
             held, after = range(M), range(M, M + N)
             # (25): the held part counts 1/beta, of its increments only du_0 exists
             built[M] = condense(
@@ -103,9 +143,14 @@ class RSMPC:
     def _problems(self) -> dict[int, CondensedQP]:
         return {}
 
+    @property
+    def deciding(self) -> CondensedQP:
+        """The problem that must be feasible whenever the law decides."""
+        return self.problem(1)
+
     def plan(self, e: ArrayLike, M: int) -> Plan | Infeasible:
         """The optimal plan from e that holds its first input for M samples, or why there is none."""
-        return self.problem(M).solve(self.tube.plant.require_state(e))
+        return self.problem(M).solve(self.sets.plant.require_state(e))
 
     def select(self, e: ArrayLike) -> Selection | Infeasible:
         """M*, the largest M with J^M <= J^1, and its plan; (29). M is scanned downward and the first hit taken."""
@@ -122,8 +167,8 @@ class RSMPC:
                 return Selection(plan=held, M=M, qps=qps)
         return Selection(plan=once, M=1, qps=qps)
 
-    def act(self, memory: Following, e: ArrayLike) -> tuple[Decision, Following]:
-        """The increment du(k) and the memory for the next sample; see `Following`.
+    def move(self, following: Following, e: ArrayLike) -> tuple[Move, Following]:
+        """The increment du(k) and the plan to follow on; see `Following`.
 
         The error e(k) = z(k) - x_s(k+l), shape (n,), is looked at only when a decision is due.
 
@@ -132,17 +177,25 @@ class RSMPC:
         InvalidValue
             If e is not finite when it is looked at.
         """
-        K, A_cl = self.tube.K, self.tube.A_cl
-        if memory.wait > 0 and memory.plan is not None:
-            plan = memory.plan
-            decision = Decision(du=float(plan.du[0]), M=memory.wait, J=plan.J, qps=0, infeasible="")
-            return decision, Following(plan=plan.advanced(K, A_cl), wait=memory.wait - 1)
+        K, A_cl = self.sets.K, self.sets.A_cl
+        if following.wait > 0 and following.plan is not None:
+            plan = following.plan
+            held = Move(du=float(plan.du[0]), M=following.wait, J=plan.J, qps=0, infeasible="")
+            return held, Following(plan=plan.advanced(K, A_cl), wait=following.wait - 1)
         choice = self.select(e)
         reason = ""
         if isinstance(choice, Infeasible):
             reason = choice.reason
-            if memory.plan is None:
-                return without_plan(e, K, reason, qps=1)
-            choice = Selection(plan=memory.plan, M=1, qps=1)
-        decision = Decision(du=float(choice.plan.du[0]), M=choice.M, J=choice.plan.J, qps=choice.qps, infeasible=reason)
-        return decision, Following(plan=choice.plan.advanced(K, A_cl), wait=choice.M - 1)
+            if self.feedback:
+                return without_plan(e, K, reason)
+            if following.plan is None:
+                return without_plan(e, K, f"{reason}; no earlier plan")
+            choice = Selection(plan=following.plan, M=1, qps=1)
+        move = Move(du=float(choice.plan.du[0]), M=choice.M, J=choice.plan.J, qps=choice.qps, infeasible=reason)
+        return move, Following(plan=choice.plan.advanced(K, A_cl), wait=choice.M - 1)
+
+    def decide(self, memory: tuple[()], state: Riding, seen: Seen) -> tuple[Decision, Riding]:
+        """Return the input for what is seen, and the acting state for the next sample."""
+        view = seeing(self.view)
+        move, following = self.move(state.following, sight(self.sets.plant, view, state, seen).predicted)
+        return decided(view, state, seen, move, following)

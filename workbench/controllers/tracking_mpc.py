@@ -2,39 +2,44 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Mapping
+from typing import ClassVar, NamedTuple, Self
 
 import casadi as ca
 
+from models.expression import Expression, Number
 from models.plant import Signal, signals
 from models.quantity import InvalidValue, count, declared, quantity
 from workbench.contracts.law import Law, Task, Trial
 from workbench.controllers.parts.box_program import minimum
+from workbench.controllers.parts.rows import zeros
+from workbench.controllers.parts.scales import scales
 
 
 class Memory(NamedTuple):
     """The references of the samples to come, (horizon, N), the sampling time, and limits in units of ``input_unit``."""
 
-    ahead: Any
-    sampling_time: Any
-    lower: Any
-    upper: Any
-    rate: Any
+    ahead: Expression
+    sampling_time: Expression
+    lower: Number
+    upper: Number
+    rate: Number
 
 
 class Acting(NamedTuple):
     """Last input and output, the estimated disturbance, the last plan, and how far that was from the optimum."""
 
-    u: Any
-    y: Any
-    d: Any
-    plan: Any
-    residual: Any
+    u: Expression
+    y: Expression
+    d: Expression
+    plan: Expression
+    residual: Expression
 
 
 @declared
-class TrackingMPC(Law):
+class TrackingMPC(Law[Memory, Acting]):
     """Minimise sum (r - y)^2 + weight sum (change of u)^2 over a horizon, u constant in blocks between its limits.
 
     The model is y(k+1) = a y(k) + b u(k) + d, with d the last model error, low-pass filtered, so that tracking has
@@ -48,6 +53,7 @@ class TrackingMPC(Law):
     """
 
     source: ClassVar[str] = "ours, after Rawlings, Mayne & Diehl, Model Predictive Control, 2017, 1.5"
+    told: ClassVar[tuple[str, ...]] = ("reference", "limits")
     tells: ClassVar[tuple[Signal, ...]] = signals(residual=("1", "step left by the QP's solution"))
     solves_per_sample: ClassVar[int] = 1
 
@@ -76,12 +82,6 @@ class TrackingMPC(Law):
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
             raise InvalidValue(f"lower must lie below upper, got {self.lower!r} and {self.upper!r}")
 
-    def refusal(self, study: Any) -> str | None:
-        """Return the refusal of plants with several inputs or outputs."""
-        if len(study.plant.inputs) == len(study.plant.outputs) == 1:
-            return None
-        return f"the model has one input and one output, {study.plant.name} has others"
-
     def start(self, task: Task) -> Memory:
         """Return the references ahead of every sample, the last one held."""
         n, r = task.samples, task.reference[0, :]
@@ -89,15 +89,16 @@ class TrackingMPC(Law):
         for j in range(1, self.horizon + 1):
             known = r[:, min(j, n) : n + 1]
             rows.append(ca.horzcat(known, ca.repmat(r[:, n], 1, n - known.shape[1])))
-        ts = task.sampling_time
         limits = task.limits.tightened(self.lower, self.upper, self.rate).scaled(self.input_unit)
-        return Memory(ca.vertcat(*rows), ca.MX(ts) if isinstance(ts, ca.MX) else ca.DM(ts), *limits)
+        return Memory(ca.vertcat(*rows), task.sampling_time, *limits)
 
     def ready(self, memory: Memory) -> Acting:
         """Return the state before the first sample: everything 0."""
-        return Acting(0, 0, 0, ca.DM.zeros(self.blocks), 0)
+        return Acting(zeros(), zeros(), zeros(), zeros(self.blocks), zeros())
 
-    def act(self, memory_k: Memory, state: Acting, r: Any, r_next: Any, y: Any) -> tuple[Any, Acting]:
+    def act(
+        self, memory_k: Memory, state: Acting, r: Expression, r_next: Expression, y: Expression
+    ) -> tuple[Expression, Acting]:
         """Return the first input of the plan and the state after a sample."""
         y = y[0]
         error = y - self.a * state.y - self.b * state.u
@@ -111,14 +112,14 @@ class TrackingMPC(Law):
         u = ca.if_else(most < math.inf, state.u + ca.fmin(ca.fmax(u - state.u, -most), most), u)
         return u * self.input_unit, Acting(u, y, d, plan, residual)
 
-    def tell(self, memory: Memory, trial: Trial) -> Any:
+    def tell(self, memory: Memory, trial: Trial[Acting]) -> tuple[Expression]:
         """Return how far each plan was from the optimum."""
         return (trial.state.residual,)
 
-    def _predicted(self, y: Any, d: Any) -> tuple[Any, Any]:
+    def _predicted(self, y: Expression, d: Expression) -> tuple[Expression, Expression]:
         """Return the outputs ahead without input, (horizon,), and what each block adds, (horizon, blocks)."""
         free, added = [], []
-        row: list[Any] = [0] * self.blocks
+        row: list[Number] = [0] * self.blocks
         for j in range(self.horizon):
             y = self.a * y + d
             row = [self.a * value for value in row]
@@ -128,10 +129,21 @@ class TrackingMPC(Law):
             added.append(ca.horzcat(*row))
         return ca.vertcat(*free), ca.vertcat(*added)
 
-    def _program(self, error: Any, gains: Any, u: Any) -> tuple[Any, Any]:
+    def _program(self, error: Expression, gains: Expression, u: Expression) -> tuple[Expression, Expression]:
         """Return Hessian and gradient at 0 of half the cost."""
         M = self.blocks
         change = ca.DM.eye(M) - ca.vertcat(ca.DM.zeros(1, M), ca.DM.eye(M)[: M - 1, :])
         H = gains.T @ gains + self.weight * (change.T @ change)
         first = ca.vertcat(1, ca.DM.zeros(M - 1))
         return H, gains.T @ error - self.weight * u * first
+
+    def ranges(self, task: Task) -> Mapping[str, tuple[float, float]]:
+        """Return the weight, about the square of the model's slope, and the smoothing to tune."""
+        return {"weight": (1e-3 * self.b**2, 1e4 * self.b**2), "smoothing": (0.01, 1.0)}
+
+    def scaled_for(self, task: Task) -> Self:
+        """Return the law with the plant's own slopes, in the input that changes the output by one unit a second."""
+        scale = scales(task)
+        unit = abs(scale.rate)
+        b = unit / scale.step
+        return dataclasses.replace(self, a=scale.decay, b=b, input_unit=unit, weight=b**2)

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+import dataclasses
+from collections.abc import Mapping
+from typing import ClassVar, Self
 
 import casadi as ca
 
+from models.expression import Expression
 from models.plant import Signal, signals
 from models.quantity import declared, quantity, switch
-from workbench.contracts.law import Law, LearnedSignal, Task, Trial
+from workbench.contracts.law import Channels, Law, LearnedSignal, SlopeLearning, Task, Trial
 from workbench.controllers.parts import d_type, zero_phase
 from workbench.controllers.parts.d_type import Memory
 from workbench.controllers.parts.rows import known
 
 
 @declared
-class VariableGain(Law):
+class VariableGain(Law[Memory, tuple[()]]):
     """F <- F + lambda_k(t) d/dt e_v, x(0) <- x(0) + lambda_0 e(0); outputs are position and speed.
 
     Ours, where the published text is silent or lost: the modifier lambda = lam_min + (1 - lam_min)/(1 + exp(-
@@ -26,6 +29,8 @@ class VariableGain(Law):
     """
 
     source: ClassVar[str] = "Nanjing Institute of Technology, patent application 2017, (3)-(6)"
+    channels: ClassVar[Channels] = Channels(outputs=2, inputs=1)
+    told: ClassVar[tuple[str, ...]] = ("reference", "plan")
     learns_on: ClassVar[LearnedSignal | None] = "output"
     tells: ClassVar[tuple[Signal, ...]] = signals(learning_gain=("1", "learning gain lambda"))
 
@@ -38,29 +43,31 @@ class VariableGain(Law):
     initial_learning: bool = switch(default=True, doc="whether the initial state is learned")
 
     def start(self, task: Task) -> Memory:
-        """Return the reference's acceleration, mean over every sample, and a start that was not moved."""
+        """Return the first plan (by default the reference's acceleration), and a start that was not moved."""
         return d_type.first(task)
 
-    def place(self, memory: Memory, x0: Any) -> Any:
+    def place(self, memory: Memory, x0: Expression) -> Expression:
         """Return the initial state: position and speed as learned."""
         return x0 + memory.moved
 
-    def act(self, memory_k: Memory, state: Any, r: Any, r_next: Any, y: Any) -> tuple[Any, Any]:
+    def act(
+        self, memory_k: Memory, state: tuple[()], r: Expression, r_next: Expression, y: Expression
+    ) -> tuple[Expression, tuple[()]]:
         """Return the planned force."""
         return memory_k.F, state
 
-    def learn(self, memory: Memory, trial: Trial) -> Memory:
+    def learn(self, memory: Memory, trial: Trial[tuple[()]]) -> Memory:
         """Return plan and start for the next trial."""
         slope = d_type.rise(trial, 1) / memory.sampling_time
         F = memory.F + self.gain(memory, trial) * slope  # (3)
         moved = d_type.moved(memory, trial, self.lam0, self.initial_learning)  # (5)
         return Memory(F, moved, memory.sampling_time)
 
-    def tell(self, memory: Memory, trial: Trial) -> Any:
+    def tell(self, memory: Memory, trial: Trial[tuple[()]]) -> tuple[Expression]:
         """Return the gain that the trial is learned from with."""
         return (self.gain(memory, trial),)
 
-    def gain(self, memory: Memory, trial: Trial) -> Any:
+    def gain(self, memory: Memory, trial: Trial[tuple[()]]) -> Expression:
         """Return lambda_k(t), (1, N), between lam_min and 1."""
         size = ca.fabs(known(trial.reached, trial.e[1, :]))
         mean = ca.sum2(size) / ca.sum2(trial.reached)
@@ -70,9 +77,22 @@ class VariableGain(Law):
         lam = self.lam_min + (1 - self.lam_min) / (1 + ca.exp(-self.steepness * (share - 1)))  # (4), ours
         return ca.if_else(mean > 0, lam, self.lam_min)
 
-    def refusal(self, study: Any) -> str | None:
+    def refusal(self, task: Task) -> str | None:
         """Return the refusal of a smoothing that is too short for the sampling time."""
-        least = 2 * 0.603 * float(study.plant.sampling_time)
+        least = 2 * 0.603 * float(task.sampling_time)
         if 0 < self.smoothing_s <= least:
             return f"smoothing_s must be 0 or above {least:g} s, got {self.smoothing_s:g}"
         return None
+
+    def ranges(self, task: Task) -> Mapping[str, tuple[float, float]]:
+        """Return the least gain and the steepness to tune."""
+        return {"lam_min": (0.01, 1.0), "steepness": (0.5, 50.0)}
+
+    def scaled_for(self, task: Task) -> Self:
+        """Return the law without initial-state learning: where a trial begins is not its own to choose."""
+        return dataclasses.replace(self, initial_learning=False)
+
+    @property
+    def slope_learning(self) -> SlopeLearning:
+        """Its gain lies between the least one and 1, its input is a force per mass."""
+        return SlopeLearning(self.lam_min, 1.0, 1.0)

@@ -1,241 +1,182 @@
-"""Every law against every other on one plant: the study that tunes them alike and runs them alike."""
+"""Every law against every other on one plant: the study in which all are tuned alike and run alike."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
+import difflib
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from models.actuator import Actuator
-from models.plant import Plant
-from models.quantity import InvalidValue, count, declared, given, part, quantity
-from workbench.contracts.law import Law
+from models.array import Array
+from models.quantity import InvalidValue
+from workbench.contracts import settings
+from workbench.contracts.law import AnyLaw
 from workbench.contracts.number import finite
-from workbench.contracts.study import Folded, Measures, Progress, Scores, Study
-from workbench.design.candidates import Candidate, candidates
-from workbench.design.tuning import Tuned, tune
-from workbench.fold.fold import build, stream
-from workbench.fold.machine_code import compiled
-from workbench.trials.drawn import SpeedNoise
-from workbench.trials.study import TrialStudy
+from workbench.contracts.study import Draw, Scores, Study
+from workbench.design.library import LIBRARY
+from workbench.design.one_error import weighed
+from workbench.design.search import Search
 
-TUNING_STREAM = 1
-JUDGED = 5  # last trials whose mean MSE tuning minimises: one alone may be lucky with its noise
+NAME = "same-plant"
+"""What every comparison is called: its verdicts are named for it, and its claims are installed under it."""
+TITLE = "Every controller against every other on the same plant"
 NEAR_FINAL = 1.1
+Compose = Callable[[object, int], Mapping[str, object]]
+"""compose(own, seed) gives fields of a study."""
 
 
-@declared
-class Comparison(Study):
-    """Laws on one plant, each tuned on the plant as it is believed to be and run on the plant as it is.
+def comparison(study: Study, laws: Sequence[str] | None = None) -> Study:
+    """Return the study that compares laws on the plant of a study, in all that it meets there, each tuned alike.
 
-    Tuning minimises the mean MSE of the last 5 of ``trials`` trials (of 5 trials for a law that does not learn), with
-    ``budget`` evaluations a law (see :data:`workbench.design.tuning.PROCEDURE`), on the nominal mass and with noise of
-    its own. The run then has the true mass and other noise. A law that does not suit the plant is refused with its
-    reason.
+    Plant, reference, scenario and trials are the study's own. ``laws`` name controllers of the study, which begin with
+    their own settings, and laws of the library (:data:`workbench.design.library.LIBRARY`), which are scaled for the
+    plant; the study's own come first where both have a name. By default they are the library's that suit the study
+    (but for those that are asked sample by sample, which take long: they are named) and all of the study's, or those
+    of a comparison as they are.
+
+    Raises InvalidValue for an unknown law, for several outputs without weights, and for what is no Study.
     """
-
-    name: str = given(default="same-plant", doc="name, used for folders and reports")
-    title: str = given(default="Every controller against every other on the same plant", doc="in one line")
-    source: str = given(default="ours", doc="where it comes from")
-    plant: Plant = part(doc="the plant as it is believed to be, without actuators")
-    reference: Any = given(doc="what the output should follow")
-    measures: tuple[Measures, ...] = given(default=(), doc="what is measured beyond the common metrics")
-    laws: Mapping[str, Candidate] = part(doc="the laws by name")
-    actuator: Actuator = part(
-        default=Actuator(lower=-450e3, upper=450e3, rate=500e3), doc="limits, rate limit, lag and dead time"
+    if not isinstance(study, Study):
+        raise InvalidValue(f"compare takes a Study, as in compare(Study(plant=..., ...)); got {study!r}")
+    weighed(study)
+    chosen = _by_default(study) if laws is None else _named(study, laws)
+    if isinstance(study.tuning, Search):
+        return dataclasses.replace(study, controllers=chosen, renamed={**study.renamed, **_old_paths(chosen)})
+    return dataclasses.replace(
+        study,
+        name=NAME,
+        title=TITLE,
+        source="ours",
+        controllers=chosen,
+        tuning=Search(),
+        scorers=(compared_scores,),
+        drawings=_drawings,
+        sweeps=(),
+        claims=(),
+        cases={},
+        summary=None,
+        derived=None,
+        documents=None,
+        renamed={**study.renamed, **_old_paths(chosen), **_old_budget(study)},
+        compose=_less(study.compose),
     )
-    noise: SpeedNoise = part(default=SpeedNoise(speed_sigma=0.05), doc="measurement noise")
-    mass_off_percent: float = quantity(
-        default=10.0, unit="%", doc="by how much the true mass exceeds the nominal one", above=-100, structural=True
-    )
-    trials: int = count(default=30, doc="trials of every law", least=1, most=10_000)
-    budget: int = count(default=60, doc="evaluations that tuning a law may take", least=1, most=100_000)
-    seed: int = count(default=0, doc="seed of everything random", most=2**31)
-
-    def check(self) -> None:
-        """Raise InvalidValue where plant, actuator and laws do not fit together."""
-        if not self.laws:
-            raise InvalidValue("laws must name at least one law, got none")
-        if self.mass_off_percent and not isinstance(getattr(self.plant, "mass", None), float):
-            raise InvalidValue(f"mass_off_percent must be 0 for {self.plant.name}, which has no mass")
-        self.actuator.wrapped(self.plant)
-
-    @property
-    def controllers(self) -> dict[str, Any]:
-        """The laws by name, with the settings that tuning starts from."""
-        return {name: one.law for name, one in self.laws.items()}
-
-    def study(self, laws: Mapping[str, Any], *, true: bool, seed: int) -> TrialStudy:
-        """Return the study made of trials with some laws, on the true or on the nominal plant."""
-        plant: Any = self.plant
-        if true and self.mass_off_percent:
-            plant = dataclasses.replace(plant, mass=plant.mass * (1 + self.mass_off_percent / 100))
-        return TrialStudy(
-            name=self.name,
-            title=self.title,
-            source=self.source,
-            plant=self.actuator.wrapped(plant),
-            reference=self.reference,
-            controllers=laws,
-            trials=self.trials,
-            noise=self.noise,
-            seed=seed,
-        )
-
-    def folded(self) -> dict[str, Folded]:
-        """Return what every law is folded from on the true plant, by name."""
-        return self.study(self.controllers, true=True, seed=self.seed).folded()
-
-    def refusals(self) -> dict[str, str]:
-        """Return why laws cannot run on the plant, by name."""
-        study = self.study(self.controllers, true=True, seed=self.seed)
-        found = {}
-        for name, law in study.controllers.items():
-            reason = law.refusal(study)
-            if reason is None:
-                try:
-                    build(study.plant, law, study.horizon)
-                except InvalidValue as error:
-                    reason = str(error)
-            if reason:
-                found[name] = reason
-        return found
-
-    def simulate(self, progress: Progress) -> xr.Dataset:
-        """Tune every law, then run all of them; see :class:`workbench.contracts.study.Study`."""
-        refused = self.refusals()
-        suited = {name: one for name, one in self.laws.items() if name not in refused}
-        if not suited:
-            raise InvalidValue("no law suits this plant: " + "; ".join(f"{n}: {why}" for n, why in refused.items()))
-        tuned: dict[str, Tuned] = {}
-        with progress(len(suited) * self.budget, f"tune {self.name}") as advance:
-            for name, one in suited.items():
-                tuned[name] = self._tuned(one, advance)
-        laws = {name: one.tuned(tuned[name].settings) for name, one in suited.items()}
-        data = self.study(laws, true=True, seed=self.seed).simulate(progress)
-        return self._told(data, refused, tuned)
-
-    def _tuned(self, one: Candidate, advance: Callable[[int], object]) -> Tuned:
-        nominal = self.study({"law": one.law}, true=False, seed=_tuning_seed(self.seed))
-        fold = nominal.fold("law")
-        machine = compiled(fold.trial)
-        inputs = nominal.inputs() if learns(one.law) else nominal.inputs()[:JUDGED]
-        reference = nominal.reference_samples
-
-        def cost(settings: Mapping[str, float]) -> float:
-            values = fold.values_of(one.tuned(settings))
-            mse = []
-            for left in stream(fold, reference, inputs, trial=machine, values=values):
-                mse.append(left.mse)
-                if not np.isfinite(left.mse):
-                    break
-            advance(1)
-            return float(np.mean(mse[-JUDGED:]))
-
-        return tune(cost, one.ranges, one.first, self.budget, _tuning_seed(self.seed))
-
-    def _told(self, data: xr.Dataset, refused: Mapping[str, str], tuned: Mapping[str, Tuned]) -> xr.Dataset:
-        """Return the record with what tuning found, and with refused laws by name and reason."""
-        names = [str(name) for name in data["controller"].values]
-        spent = np.array([tuned[name].costs for name in names])
-        data["tuned"] = (
-            ("controller",),
-            np.array([json.dumps(tuned[name].settings) for name in names]),
-            {"units": "", "long_name": "settings found by tuning"},
-        )
-        data["tuning_mse"] = (
-            ("controller", "evaluation"),
-            spent,
-            {**data["mse"].attrs, "long_name": "mean MSE of the last trials of every evaluation on the nominal plant"},
-        )
-        data["refused"] = (
-            ("refused_law",),
-            np.array(list(refused.values()), dtype=str),
-            {"units": "", "long_name": "why a law does not suit the plant"},
-        )
-        return data.assign_coords(
-            evaluation=("evaluation", np.arange(1, self.budget + 1), {"units": "1", "long_name": "evaluation"}),
-            refused_law=("refused_law", np.array(list(refused), dtype=str), {"units": "", "long_name": "refused law"}),
-        )
-
-    def tuned_laws(self, data: xr.Dataset) -> dict[str, Any]:
-        """Return the laws with the settings that tuning found, from the record."""
-        return {
-            str(name): self.laws[str(name)].tuned(json.loads(str(data["tuned"].sel(controller=name).values)))
-            for name in data["controller"].values
-        }
-
-    def scores(self, data: xr.Dataset) -> Scores:
-        """Return the metrics of every law; None where it diverged or does not suit the plant.
-
-        mse is the mean over the trials, mse_last that of the last; trials_needed the first trial from which on the
-        MSE stays within 10 % above the final one (1 for a law that does not learn). solves counts optimisations.
-        What the study measures besides stands between.
-        """
-        besides = [one.scores(self, data) for one in self.measures]
-        found: Scores = {}
-        for name, law in self.tuned_laws(data).items():
-            learned, spent = self._scored(data.sel(controller=name), law)
-            found[name] = learned
-            for one in besides:
-                found[name] |= one.get(name, {})
-            found[name] |= spent
-        nothing = dict.fromkeys(next(iter(found.values())))
-        return found | {str(name): dict(nothing) for name in data["refused_law"].values}
-
-    def _scored(self, one: xr.Dataset, law: Law) -> tuple[dict[str, float | None], dict[str, float | None]]:
-        """Return the metrics of what was learned, and of what it took."""
-        mse = one["mse"].values
-        whole = bool(np.isfinite(mse).all())
-        near = np.flatnonzero(mse > NEAR_FINAL * mse[-1]) if whole and learns(law) else np.zeros(0)
-        learned = {
-            "mse": finite(mse.mean()),
-            "mse_last": finite(mse[-1]),
-            "trials_needed": (float(near[-1] + 2) if near.size else 1.0) if whole else None,
-        }
-        spent: dict[str, float | None] = {
-            "solves": float(law.solves_per_sample * (one.sizes["sample"] - 1) * mse.size),
-            "evaluations": float(one.sizes["evaluation"]),
-        }
-        return learned, spent
-
-    def figures(self, data: xr.Dataset) -> Mapping[str, Callable[[], Any]]:
-        """Return the figures by name, as functions that draw."""
-        from workbench.design.figures import comparison_figures
-
-        return comparison_figures(self, data)
 
 
-def learns(law: Law) -> bool:
-    """Tell whether a law learns between trials."""
-    return law.learns_on is not None
+SET_HERE = frozenset(
+    ["name", "title", "source", "controllers", "tuning", "scorers", "drawings", "sweeps", "claims", "cases", "summary"]
+) | {"derived", "documents", "renamed"}
+"""The fields that a comparison sets, whatever the study's own settings make of them."""
 
 
-def _tuning_seed(seed: int) -> int:
-    """Return a seed for tuning that differs from the seed of the run."""
-    return int(np.random.SeedSequence([seed, TUNING_STREAM]).generate_state(1)[0])
+def _less(compose: Compose | None) -> Compose | None:
+    """Return what makes a study's parts of its own settings, but for what a comparison sets."""
+    if compose is None:
+        return None
+
+    def others(own: object, seed: int) -> dict[str, object]:
+        return {name: value for name, value in compose(own, seed).items() if name not in SET_HERE}
+
+    return others
 
 
-def comparison(study: Any, laws: Sequence[str] | None = None) -> Comparison:
-    """Return the comparison of some laws (all by default) on the plant and reference of a study made of trials.
+def _by_default(study: Study) -> dict[str, AnyLaw]:
+    own = study.controllers
+    if isinstance(study.tuning, Search):
+        return dict(own)
+    made = {name: own[name] if name in own else LIBRARY[name]() for name in LIBRARY}
+    quick = [name for name in made if name in own or not made[name].stepped]
+    suited = [name for name in quick if name in own or _refusal(study, name, made[name]) is None]
+    return {**_named(study, suited), **own} if suited else dict(own)
 
-    Raises InvalidValue for a study of another kind, an unknown law, and a plant that no comparison can take.
+
+def _named(study: Study, names: Sequence[str]) -> dict[str, AnyLaw]:
+    known = [*dict.fromkeys([*LIBRARY, *study.controllers])]
+    if not names:
+        raise InvalidValue(f"laws must name at least one law, got none; the laws are: {', '.join(known)}")
+    for name in names:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"the laws are: {', '.join(known)}"
+            raise InvalidValue(f"there is no law {name!r} to compare; {hint}")
+    return {name: study.controllers[name] if name in study.controllers else _scaled(study, name) for name in names}
+
+
+def _scaled(study: Study, name: str) -> AnyLaw:
+    """Return a law of the library in the plant's scale, or as it is where it does not suit the study."""
+    law = LIBRARY[name]()
+    return law if _refusal(study, name, law) else law.scaled_for(study.task(law))
+
+
+def _refusal(study: Study, name: str, law: AnyLaw) -> str | None:
+    """Return why a law of the library does not suit a study, or None."""
+    misfit = law.channels.refusal(name, study.plant)
+    if misfit:
+        return misfit
+    task = study.task(law)
+    try:
+        return law.scaled_for(task).refusal(task)
+    except InvalidValue as error:
+        return law.refusal(task) or str(error)
+
+
+def _old_paths(laws: Mapping[str, AnyLaw]) -> dict[str, str]:
+    """Return where the settings of laws are that were once settings of candidates, by their old paths."""
+    return {
+        f"laws.{name}.law.{row.path}": f"controllers.{name}.{row.path}"
+        for name, law in laws.items()
+        for row in settings.rows(law)
+    }
+
+
+def _old_budget(study: Study) -> dict[str, str]:
+    taken = any(row.path == "budget" for row in settings.rows(study))
+    return {} if taken else {"budget": "tuning.budget"}
+
+
+def compared_scores(study: Study, data: xr.Dataset) -> Scores:
+    """Return the metrics of every law; None where it diverged or does not suit the plant.
+
+    mse is the mean over the trials, mse_last that of the last, both weighed where there are several outputs;
+    trials_needed the first trial from which on the MSE stays within 10 % above the final one (1 for a law that does
+    not learn). solves counts optimisations. What the study measures besides stands between.
     """
-    if isinstance(study, Comparison):
-        chosen = list(study.laws) if laws is None else list(laws)
-        missing = [name for name in chosen if name not in study.laws]
-        made = candidates(study.plant, study.reference.samples(study.plant), missing) if missing else {}
-        return dataclasses.replace(study, laws={name: {**study.laws, **made}[name] for name in chosen})
-    if not isinstance(study, TrialStudy):
-        raise InvalidValue(f"compare takes a study made of trials, a TrialStudy; {study.name} is of another kind")
-    return Comparison(
-        plant=study.plant,
-        reference=study.reference,
-        measures=study.compared,
-        laws=candidates(study.plant, study.reference_samples, laws),
-        mass_off_percent=10.0 if isinstance(getattr(study.plant, "mass", None), float) else 0.0,
-    )
+    assert study.tuning is not None
+    laws = study.tuning.laws(study, data)
+    refused = set(map(str, data["refused_law"].values))
+    ran = [name for name in map(str, data["controller"].values) if name not in refused]
+    besides = [one.scores(study, data.sel(controller=ran)) for one in study.compared]
+    found: Scores = {}
+    for name in ran:
+        mse = error_by_trial(study, data, name)
+        learned = _learned(mse, laws[name].learns_on is not None)
+        measured = {metric: value for one in besides for metric, value in one.get(name, {}).items()}
+        solves = float(laws[name].solves_per_sample * (data.sizes["sample"] - 1) * mse.size)
+        found[name] = {**learned, **measured, "solves": solves, "evaluations": float(data.sizes["evaluation"])}
+    nothing = dict.fromkeys(next(iter(found.values())))
+    return found | {name: dict(nothing) for name in map(str, data["controller"].values) if name in refused}
+
+
+def error_by_trial(study: Study, data: xr.Dataset, controller: str) -> Array:
+    """Return the one error that laws are compared by, of every trial of a law, (trials,)."""
+    mse = data["mse"].sel(controller=controller).values.reshape(data.sizes["trial"], -1)
+    errors: Array = mse @ weighed(study).weights
+    return errors
+
+
+def _learned(mse: Array, learns: bool) -> dict[str, float | None]:
+    whole = bool(np.isfinite(mse).all())
+    near = np.flatnonzero(mse > NEAR_FINAL * mse[-1]) if whole and learns else np.zeros(0)
+    return {
+        "mse": finite(mse.mean()),
+        "mse_last": finite(mse[-1]),
+        "trials_needed": (float(near[-1] + 2) if near.size else 1.0) if whole else None,
+    }
+
+
+def _drawings(study: Study, data: xr.Dataset) -> Mapping[str, Draw]:
+    """Return the figures by name, as functions that draw."""
+    from workbench.design.figures import comparison_figures
+
+    return comparison_figures(study, data)

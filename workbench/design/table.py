@@ -3,33 +3,36 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import os
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
-from workbench.design.comparison import Comparison, comparison
-from workbench.fold.fold import Fold, stream
-from workbench.fold.machine_code import compiled
+from workbench.contracts.law import AnyLaw
+from workbench.contracts.settings import assigned
+from workbench.contracts.study import Study
+from workbench.design.comparison import comparison
+from workbench.design.one_error import weighed
 from workbench.trials.campaign import Campaign, run
 from workbench.trials.draft import replacing
-from workbench.trials.settings import assigned
+from workbench.trials.simulation import ready
 
 
 def compare(
-    study: Any, laws: Sequence[str] | None = None, settings: Sequence[str] = (), *, show_progress: bool = True
+    study: Study, laws: Sequence[str] | None = None, settings: Sequence[str] = (), *, show_progress: bool = True
 ) -> Campaign:
     """Tune and run laws on a study's plant, with settings as ``--set`` takes them; return the campaign."""
     return run(assigned(comparison(study, laws), settings), show_progress=show_progress)
 
 
-def headings(study: Comparison) -> dict[str, str]:
+def headings(study: Study) -> dict[str, str]:
     """Return what the table calls every metric, those that the study measures besides included."""
-    measured = {metric: heading for one in study.measures for metric, heading in one.headings.items()}
+    measured = {metric: heading for one in study.compared for metric, heading in one.headings.items()}
+    unit = weighed(study).unit
     return {
-        "mse": "MSE, mean over trials",
-        "mse_last": "final MSE",
+        "mse": f"MSE, mean over trials ({unit})",
+        "mse_last": f"final MSE ({unit})",
         "trials_needed": "trials needed",
         **measured,
         "solves": "solves",
@@ -39,46 +42,58 @@ def headings(study: Comparison) -> dict[str, str]:
 def table(campaign: Campaign, times: Mapping[str, float] | None = None) -> list[tuple[str, ...]]:
     """Return the table of a comparison, its header first; with ``times`` also the time a sample (microseconds).
 
-    Without times it is the same for the same settings and seed, to the last digit.
+    Without times it is the same for the same settings and seed, to the last digit. ``told`` is what a law uses of what
+    it could be told, ``learns on`` the signal whose error it learns on between trials.
     """
-    columns = headings(campaign.study)
-    header = ["law", *columns.values(), *(["time per sample (us)"] if times is not None else []), "note"]
-    rows = [tuple(header)]
-    refused = dict(
-        zip(campaign.data["refused_law"].values.tolist(), campaign.data["refused"].values.tolist(), strict=True)
-    )
-    stopped = {
-        str(name): str(why)
-        for name, why in zip(campaign.data["controller"].values, campaign.data["stopped"].values, strict=True)
-    }
+    study, data = campaign.study, campaign.data
+    columns = headings(study)
+    timed = [] if times is None else ["time per sample (us)"]
+    rows: list[tuple[str, ...]] = [("law", *columns.values(), "told", "learns on", *timed, "note")]
+    refused = dict(zip(data["refused_law"].values.tolist(), data["refused"].values.tolist(), strict=True))
     for name, metrics in campaign.scores().items():
+        law = study.controllers[name]
         cells = [_shown(metrics.get(metric)) for metric in columns]
-        timed = [] if times is None else [f"{times[name]:.3f}" if name in times else "-"]
-        note = f"does not suit: {refused[name]}" if name in refused else stopped.get(name, "")
-        rows.append((name, *cells, *timed, note))
+        took = [] if times is None else [f"{times[name]:.3f}" if name in times else "-"]
+        if name in refused:
+            note = f"does not suit: {refused[name]}"
+        else:
+            note = str(data["stopped"].sel(controller=name).values) or _dead_time(study, law)
+        rows.append((name, *cells, ", ".join(law.told), law.learns_on or "-", *took, note))
     return rows
+
+
+def _dead_time(study: Study, law: AnyLaw) -> str:
+    """Return what is to be noted of a law that learns from the next sample, on a plant that answers later."""
+    degree = study.relative_degree
+    if law.learns_on is None or "delay" in law.told or degree in (1, None):
+        return ""
+    return f"learns from the error at k+1, u(k) first reaches y(k+{degree})"
 
 
 def _shown(value: float | None) -> str:
     return "-" if value is None else f"{value:.6g}"
 
 
+def settled(campaign: Campaign) -> Campaign:
+    """Return a comparison as a campaign of the laws that tuning found, those that ran, which is not tuned again."""
+    refused = set(map(str, campaign.data["refused_law"].values))
+    laws = {name: law for name, law in campaign.tuned_laws().items() if name not in refused}
+    study = dataclasses.replace(campaign.study, controllers=laws, tuning=None, scorers=(), drawings=None)
+    return Campaign(study, campaign.data.sel(controller=list(laws)))
+
+
 def times(campaign: Campaign, repeats: int = 5) -> dict[str, float]:
     """Measure the time that a sample of plant and law takes, in microseconds, learning included; by law."""
-    study: Comparison = campaign.study
-    laws = study.tuned_laws(campaign.data)
-    ready = study.study(laws, true=True, seed=study.seed)
-    one = ready.inputs()[:1] * repeats
+    study = settled(campaign).study
+    inputs = study.inputs()[:1] * repeats
     found = {}
-    for name in laws:
-        fold: Fold = ready.fold(name)
-        running = stream(fold, ready.reference_samples, one, trial=compiled(fold.trial))
-        taken = []
-        for _ in range(repeats):
+    for name, runner in ready(study, study.controllers).items():
+        running, taken = runner.trials(inputs), []
+        for _ in inputs:
             begin = time.perf_counter()
             next(running)
             taken.append(time.perf_counter() - begin)
-        found[name] = 1e6 * min(taken) / fold.samples
+        found[name] = 1e6 * min(taken) / study.horizon
     return found
 
 

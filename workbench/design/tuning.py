@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from models.array import Array
 from models.quantity import InvalidValue
 
 PROCEDURE = (
@@ -17,7 +18,7 @@ PROCEDURE = (
 WIDEST, NARROWEST = 0.2, 0.01
 
 
-class Tuned(NamedTuple):
+class Found(NamedTuple):
     """The best settings found, what they cost, and what every evaluation cost, in order."""
 
     settings: dict[str, float]
@@ -31,11 +32,12 @@ def tune(
     first: Mapping[str, float],
     budget: int,
     seed: int,
-) -> Tuned:
-    """Minimise a cost over positive settings with exactly ``budget`` evaluations.
+) -> Found:
+    """Minimise a cost over positive settings with exactly ``budget`` evaluations, or one where there is no setting.
 
-    ``ranges`` are (low, high) by name, both above 0; ``first`` is evaluated first. A cost that is not finite counts
-    as infinite. The same seed gives the same result. Raises InvalidValue for ranges that are not 0 < low < high.
+    ``ranges`` are (low, high) by name, both above 0; ``first`` is evaluated first, also where it lies outside. A cost
+    that is not finite counts as infinite. The same seed gives the same result. Raises InvalidValue for ranges that are
+    not 0 < low < high.
     """
     if budget < 1:
         raise InvalidValue(f"budget must be at least 1, got {budget}")
@@ -43,15 +45,19 @@ def tune(
         if not 0 < a < b:
             raise InvalidValue(f"the range of {name} must satisfy 0 < low < high, got ({a}, {b})")
     names = list(ranges)
+    if not names:
+        alone = _finite(cost({}))
+        return Found({}, alone, (alone,) * budget)
     low, width = _box(ranges)
     spread = max(budget // 2 - 1, 0)
     rng = np.random.default_rng(seed)
-    points = _latin(len(names), spread, rng) if names and spread else np.zeros((spread, len(names)))
+    points = _latin(len(names), spread, rng) if spread else np.zeros((0, len(names)))
     best, least, costs = dict(first), _finite(cost(first)), []
     costs.append(least)
-    centre = (np.log([first[name] for name in names]) - low) / width if names else np.zeros(0)
+    inside = [min(max(first[name], ranges[name][0]), ranges[name][1]) for name in names]
+    centre = (np.log(inside) - low) / width
     for done in range(1, budget):
-        at: np.ndarray
+        at: Array
         if done <= spread:
             at = points[done - 1]
         else:
@@ -62,18 +68,18 @@ def tune(
         costs.append(_finite(cost(tried)))
         if costs[-1] < least:
             best, least, centre = tried, costs[-1], at
-    return Tuned(best, least, tuple(costs))
+    return Found(best, least, tuple(costs))
 
 
-def _box(ranges: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+def _box(ranges: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
     logs = np.log(np.array(list(ranges.values()), dtype=float).reshape(-1, 2))
     return logs[:, 0], logs[:, 1] - logs[:, 0]
 
 
-def _latin(dimensions: int, points: int, rng: np.random.Generator) -> np.ndarray:
+def _latin(dimensions: int, points: int, rng: np.random.Generator) -> Array:
     """Return a Latin hypercube, (points, dimensions), in [0, 1]: every coordinate has one point in each stratum."""
     strata = np.stack([rng.permutation(points) for _ in range(dimensions)], axis=-1)
-    cells: np.ndarray = (strata + rng.random((points, dimensions))) / points
+    cells: Array = (strata + rng.random((points, dimensions))) / points
     return cells
 
 

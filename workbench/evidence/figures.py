@@ -3,18 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Literal, TypedDict
 
 import numpy as np
 from matplotlib import colors
 from matplotlib import pyplot as plt
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 
+from models.array import Array
+from workbench.evidence.ppd import Evidence
+from workbench.evidence.sweeps import Grid, Sweep
 from workbench.trials.figures import COLOURS, MARKERS, STYLE, pretty, styled
 
-MAPS: Any = {"aspect": "auto", "origin": "lower", "interpolation": "nearest"}
+
+class ImageStyle(TypedDict):
+    """How maps by trial and sample are drawn."""
+
+    aspect: Literal["auto"]
+    origin: Literal["lower"]
+    interpolation: Literal["nearest"]
 
 
-def three_along(evidence: Any, trials: Sequence[int]) -> Any:
+MAPS: ImageStyle = {"aspect": "auto", "origin": "lower", "interpolation": "nearest"}
+
+
+def three_along(evidence: Evidence, trials: Sequence[int]) -> Figure:
     """Draw partial derivative, realised ratio and estimate over the samples of some trials (numbers from 1)."""
     chosen = [trial for trial in trials if 2 <= trial <= evidence.ratio.shape[0]]
     with plt.rc_context({**STYLE, "figure.figsize": (7.0, 1.0 + 2.2 * len(chosen))}):
@@ -42,7 +56,7 @@ def three_along(evidence: Any, trials: Sequence[int]) -> Any:
         return figure
 
 
-def _map(values: Any, norm: Any, label: str, title: str, colours: str) -> Any:
+def _map(values: Array, norm: Normalize, label: str, title: str, colours: str) -> Figure:
     with plt.rc_context({**STYLE, "axes.grid": False}):
         figure, axes = plt.subplots()
         trials, samples = values.shape
@@ -52,14 +66,14 @@ def _map(values: Any, norm: Any, label: str, title: str, colours: str) -> Any:
         return figure
 
 
-def error_map(evidence: Any) -> Any:
+def error_map(evidence: Evidence) -> Figure:
     """Draw the relative error of the estimate against the partial derivative, trial by sample."""
     error = np.clip(evidence.relative_error(), 1e-3, 1e3)
     norm = colors.LogNorm(1e-3, 1e3)
     return _map(error, norm, "|estimate - partial| / |partial| (1)", evidence.controller, "cividis")
 
 
-def sign_map(evidence: Any) -> Any:
+def sign_map(evidence: Evidence) -> Figure:
     """Draw realised ratio over partial derivative, trial by sample: at or below 0 assumption A4 fails."""
     relative = evidence.ratio / evidence.partial
     norm = colors.SymLogNorm(1.0, vmin=-1e3, vmax=1e3)
@@ -67,24 +81,24 @@ def sign_map(evidence: Any) -> Any:
     return _map(np.clip(relative, -1e3, 1e3), norm, label, evidence.controller, "PuOr")
 
 
-def contraction_map(controller: str, factor: Any) -> Any:
+def contraction_map(controller: str, factor: Array) -> Figure:
     """Draw the contraction factor of Theorem 1, trial by sample: outside (-1, 1) its argument fails."""
     norm = colors.SymLogNorm(1.0, vmin=-1e3, vmax=1e3)
     label = "1 - rho phi_c phi / (lambda + phi^2) (1)"
     return _map(np.clip(factor, -1e3, 1e3), norm, label, controller, "PuOr")
 
 
-def excitation_map(controller: str, share: Any) -> Any:
+def excitation_map(controller: str, share: Array) -> Figure:
     """Draw the share by which a trial's data could move the estimate, trial by sample."""
     norm = colors.LogNorm(1e-8, 1.0)
     label = "eta du^2 / (mu + du^2) (1)"
     return _map(np.clip(share, 1e-8, 1.0), norm, label, controller, "cividis")
 
 
-def ratio_histogram(evidence: Any) -> Any:
+def ratio_histogram(evidence: Evidence) -> Figure:
     """Draw how often realised ratio over partial derivative takes which value."""
     relative = (evidence.ratio / evidence.partial)[np.isfinite(evidence.ratio)]
-    edges: Any = np.logspace(-2, 6, 41)
+    edges: list[float] = np.logspace(-2, 6, 41).tolist()
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()
         for index, (values, label) in enumerate(
@@ -110,7 +124,7 @@ def ratio_histogram(evidence: Any) -> Any:
         return figure
 
 
-def error_by_trial(controller: str, error: Any, excitation: Any, resets: Any) -> Any:
+def error_by_trial(controller: str, error: Array, excitation: Array, resets: Array) -> Figure:
     """Draw quantiles (rows 10, 50, 90 %) of the estimate's error by trial, with excitation and resets below."""
     trials = np.arange(1, error.shape[1] + 1)
     with plt.rc_context({**STYLE, "figure.figsize": (7.0, 5.6)}):
@@ -126,7 +140,7 @@ def error_by_trial(controller: str, error: Any, excitation: Any, resets: Any) ->
         return figure
 
 
-def error_by_sample(controller: str, error: Any) -> Any:
+def error_by_sample(controller: str, error: Array) -> Figure:
     """Draw quantiles (rows 10, 50, 90 %) of the estimate's error by sample."""
     samples = np.arange(error.shape[1])
     with plt.rc_context(STYLE):
@@ -139,8 +153,8 @@ def error_by_sample(controller: str, error: Any) -> Any:
 
 
 def lambda_sweep(
-    controller: str, found: Any, lines: dict[str, float], used: float, *, units: tuple[str, str] = ("1", "1")
-) -> Any:
+    controller: str, found: Sweep, lines: dict[str, float], used: float, *, units: tuple[str, str] = ("1", "1")
+) -> Figure:
     """Draw last and largest MSE against lambda, with predicted boundaries and the lambda used as lines.
 
     ``units`` are those of lambda and of the MSE.
@@ -163,12 +177,12 @@ def lambda_sweep(
 
 def sweep_map(
     controller: str,
-    found: Any,
-    lines: dict[str, Any],
+    found: Grid,
+    lines: dict[str, Array],
     used: tuple[float, float],
     *,
     units: tuple[str, str, str] = ("1", "1", "1"),
-) -> Any:
+) -> Figure:
     """Draw the last MSE over lambda and force unit, predicted boundaries as lines over the units, and what is used.
 
     ``units`` are those of the output, of the input and of the MSE.
@@ -193,7 +207,7 @@ def sweep_map(
         return figure
 
 
-def predicted_against_observed(controller: str, predicted: Any, observed: Any, *, unit: str = "1") -> Any:
+def predicted_against_observed(controller: str, predicted: Array, observed: Array, *, unit: str = "1") -> Figure:
     """Draw the MSE by trial that the frozen lifted map predicts beside the observed one."""
     trials = np.arange(1, observed.size + 1)
     with plt.rc_context(STYLE):
@@ -205,7 +219,7 @@ def predicted_against_observed(controller: str, predicted: Any, observed: Any, *
         return figure
 
 
-def row_sums(controller: str, off: Any, own: Any, *, unit: str = "1") -> Any:
+def row_sums(controller: str, off: Array, own: Array, *, unit: str = "1") -> Figure:
     """Draw the lifted plant's row sums off the diagonal beside its diagonal, by sample."""
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()

@@ -7,49 +7,56 @@ changes by L e, so with the lifted plant G the error goes as e_next = (I - G L) 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from scipy import sparse
 
-from workbench.contracts.law import Task, Trial
+from models.array import Array
+from models.expression import Expression, as_expression
+from models.quantity import InvalidValue
+from workbench.contracts.law import AnyLaw, Trial
+from workbench.contracts.record import TrialRecord
 from workbench.evidence.trajectory import trials_done
-from workbench.fold.fold import stream
 from workbench.trials.campaign import Campaign
 
 BANDED = 20  # entries a row
 
 
-def memories(campaign: Campaign, controller: str) -> Iterator[tuple[Any, Any, int]]:
-    """Run a controller's trials again; yield the memory each was run with, its record and its length."""
-    study = campaign.study
-    fold = study.fold(controller)
-    done = trials_done(campaign, controller)
-    inputs = study.inputs()[:done]
-    for one, left in zip(
-        inputs,
-        stream(fold, study.reference_samples, inputs, carry_state=study.continues, keep_memory=True),
-        strict=True,
-    ):
-        yield left.memory, left, one.length
+def memories(campaign: Campaign, controller: str) -> Iterator[tuple[tuple[Array, ...], TrialRecord]]:
+    """Run a controller's trials again; yield the memory each was run with, and its record."""
+    inputs = campaign.study.inputs()[: trials_done(campaign, controller)]
+    for left in campaign.runner(controller).trials(inputs, keep_memory=True):
+        yield left.memory, left
 
 
-def gain(campaign: Campaign, controller: str, memory: Any, left: Any, length: int) -> Any:
-    """Return L after a trial as a sparse (N, N + 1) matrix, inputs by errors of samples 0..N.
+def gain(
+    campaign: Campaign,
+    controller: str,
+    memory: tuple[Array, ...],
+    left: TrialRecord,
+    length: int,
+    *,
+    output: str | None = None,
+) -> sparse.csc_matrix[np.float64] | None:
+    """Return L after a trial as a sparse (N, N + 1) matrix, the input by errors of samples 0..N.
 
-    ``memory`` is that of the trial, ``left`` its record, ``length`` its last sample. The first input and output
-    are meant. None where the gain is not banded: a law that filters its whole plan does not change it by L e alone.
+    ``memory`` is that of the trial, ``left`` its record, ``length`` its last sample; of several outputs ``output``
+    names the one whose errors are meant. None where the gain is not banded: a law that filters its whole plan does
+    not change it by L e alone. Raises InvalidValue for a plant with several inputs, and for an unknown output.
     """
+    row = _row(campaign, output)
     study = campaign.study
-    law, n = study.controllers[controller], study.horizon
+    runner, n = campaign.runner(controller), study.horizon
+    law = runner.law
     r = study.reference_samples
     reached = (np.arange(n + 1) <= length).astype(float)[None, :]
     y = np.where(reached > 0, left.y, np.nan)
-    e = ca.MX.sym("e", *r.shape)
-    task_memory = law.start(Task(ca.DM(r), study.plant.sampling_time, study.plant.input_limits))
-    kept = type(task_memory)(*(ca.MX(ca.DM(value)) for value in memory))
-    trial = Trial(ca.DM(r), ca.MX(ca.DM(y)), e, ca.MX(ca.DM(left.u)), ca.DM(reached), ())
+    e = as_expression(ca.MX.sym("e", *r.shape))
+    task_memory = law.start(runner.task)
+    kept = type(task_memory)(*(as_expression(ca.MX(ca.DM(value))) for value in memory))
+    rows = [as_expression(one) for one in (ca.DM(r), ca.MX(ca.DM(y)), e, ca.MX(ca.DM(left.u)), ca.DM(reached))]
+    trial = Trial(rows[0], rows[1], rows[2], rows[3], rows[4], ())
     plan = _plan(law, law.learn(kept, trial), r, n)
     if ca.jacobian_sparsity(plan, e).nnz() > BANDED * n:
         return None
@@ -59,15 +66,27 @@ def gain(campaign: Campaign, controller: str, memory: Any, left: Any, length: in
     matrix = sparse.csc_matrix(
         (np.array(value.nonzeros()), np.array(pattern.row()), np.array(pattern.colind())), shape=value.shape
     )
-    return matrix[:, :: r.shape[0]]
+    return sparse.csc_matrix(matrix[:, row :: r.shape[0]])
 
 
-def _plan(law: Any, memory: Any, r: Any, n: int) -> Any:
-    """Return the first input planned at every sample, (1, N), as an expression of the memory."""
+def _row(campaign: Campaign, output: str | None) -> int:
+    """Return which of the outputs is meant."""
+    plant = campaign.study.plant_that_runs
+    names = [signal.name for signal in plant.outputs]
+    if len(plant.inputs) > 1:
+        raise InvalidValue(f"the learning gain is that of one input, {plant.name} has {len(plant.inputs)}")
+    if output is None and len(names) == 1:
+        return 0
+    if output not in names:
+        raise InvalidValue(f"output must be one of: {', '.join(names)}; got {output!r}")
+    return names.index(output)
+
+
+def _plan(law: AnyLaw, memory: tuple[Expression, ...], r: Array, n: int) -> Expression:
+    """Return the input planned at every sample, (1, N), as an expression of the memory."""
     columns = [ca.SX.sym(f"m{i}", field.shape[0]) for i, field in enumerate(memory)]
     now, following = ca.SX.sym("r", r.shape[0]), ca.SX.sym("r_next", r.shape[0])
     u, _ = law.act(type(memory)(*columns), (), now, following, ca.SX.sym("y", r.shape[0]))
-    first = u[0] if isinstance(u, (tuple, list)) else ca.SX(u)[0]
-    one = ca.Function("plan", [*columns, now, following], [first], {"allow_free": False})
+    one = ca.Function("plan", [*columns, now, following], [u[0]], {"allow_free": False})
     rows = [ca.repmat(field, 1, n) if field.shape[1] == 1 else field[:, :n] for field in memory]
     return one.map(n)(*rows, r[:, :n], r[:, 1:])

@@ -7,13 +7,18 @@ go through the banded system that the linearised plant is.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse import linalg
 
+from models.array import Array
 from workbench.evidence.trajectory import Linearisation, partial
+
+Product = Callable[[Array], Array]
+"""A linear operator by its products."""
 
 
 class SingularValue(NamedTuple):
@@ -25,7 +30,7 @@ class SingularValue(NamedTuple):
     """Some singular value lies within this distance of ``value``."""
     upper: float
     """The true largest singular value lies below this."""
-    vector: Any
+    vector: Array
     """The input that is amplified by ``value``."""
 
 
@@ -50,6 +55,7 @@ class Lifted:
                 (np.concatenate([*rows, identity]), np.concatenate([*columns, identity])),
             )
         )
+        # its stub knows no transposed solution
         self._solver: Any = linalg.splu(
             dynamics, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": False}
         )
@@ -62,23 +68,23 @@ class Lifted:
             outputs = sparse.vstack([sparse.csr_matrix((1, (n + 1) * nx)), outputs])
         self._c = sparse.csr_matrix(outputs)
 
-    def apply(self, du: Any) -> Any:
+    def apply(self, du: Array) -> Array:
         """Return G du, (m,), for du (m,)."""
         full = np.zeros(self.line.b.shape[0])
         full[: self.size] = du
-        return (self._c @ self._solver.solve(self._b @ full))[self.degree :]
+        return np.asarray((self._c @ self._solver.solve(self._b @ full))[self.degree :])
 
-    def adjoint(self, ds: Any) -> Any:
+    def adjoint(self, ds: Array) -> Array:
         """Return G' ds, (m,), for ds (m,)."""
         full = np.zeros(self.line.b.shape[0] + 1)
         full[self.degree :] = ds
-        return (self._b.T @ self._solver.solve(self._c.T @ full, trans="T"))[: self.size]
+        return np.asarray((self._b.T @ self._solver.solve(self._c.T @ full, trans="T"))[: self.size])
 
-    def diagonal(self) -> Any:
+    def diagonal(self) -> Array:
         """Return the diagonal of G: the exact partial derivative ds(k+d)/du(k), (m,)."""
         return partial(self.line, self.degree)
 
-    def row_sums(self) -> tuple[Any, Any]:
+    def row_sums(self) -> tuple[Array, Array]:
         """Return for every row of |G| its sum without the diagonal, and its diagonal entry, each (m,).
 
         Time grows with the square of the samples, memory linearly: the columns are carried along the trajectory.
@@ -102,13 +108,13 @@ class Lifted:
 
 
 def largest_singular_value(
-    apply: Any, adjoint: Any, size: int, upper: float, *, seed: int = 0, tolerance: float = 1e-6
+    apply: Product, adjoint: Product, size: int, upper: float, *, seed: int = 0, tolerance: float = 1e-6
 ) -> SingularValue:
     """Return the largest singular value of a (size, size) operator by Lanczos iteration on its products.
 
     ``upper`` is a bound known otherwise, e.g. sqrt(largest row sum * largest column sum).
     """
-    square: Any = linalg.LinearOperator((size, size), matvec=lambda v: adjoint(apply(np.ravel(v))), dtype=float)
+    square = linalg.LinearOperator((size, size), matvec=lambda v: adjoint(apply(np.ravel(v))), dtype=float)
     start = np.random.default_rng(seed).standard_normal(size)
     _, right = linalg.eigsh(square, k=1, v0=start, tol=tolerance, which="LA")
     vector = right[:, 0] / np.linalg.norm(right[:, 0])

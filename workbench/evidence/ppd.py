@@ -8,13 +8,15 @@ and i-1, and the estimate that the law computed u(k) of trial i with.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
+from models.array import Array
 from models.plant import Plant
 from models.quantity import InvalidValue
-from workbench.evidence.trajectory import Lineariser, Trajectories, partial, recorded
+from workbench.contracts.law import AnyLaw, Estimator
+from workbench.contracts.study import Study
+from workbench.evidence.trajectory import Linearisation, Lineariser, Trajectories, partial, recorded
 from workbench.trials.campaign import Campaign
 
 
@@ -27,24 +29,24 @@ class Evidence:
     """
 
     controller: str
-    study: Any
+    study: Study
     """The study that ran: what trials began with, and what disturbed them."""
-    law: Any
+    law: AnyLaw
     degree: int
     increment: bool
     trajectories: Trajectories
-    partial: Any
-    ratio: Any
-    estimate: Any
-    du: Any
+    partial: Array
+    ratio: Array
+    estimate: Array
+    du: Array
     """Input difference to the trial before."""
-    ds: Any
+    ds: Array
     """Difference of the learned signal at k + d to the trial before."""
-    carried: Any
+    carried: Array
     """The part of ``ds`` that earlier input differences and the initial state brought about."""
-    remainder: Any
+    remainder: Array
     """``ds`` minus ``partial_midway * du`` minus ``carried``: what no linearisation explains."""
-    partial_midway: Any
+    partial_midway: Array
     """The partial derivative along the mean of this trajectory and the one before."""
     units: tuple[str, str]
     """Units of the output and of the input."""
@@ -54,7 +56,14 @@ class Evidence:
         """The unit of derivatives, ratios and estimates."""
         return gain_unit(*self.units)
 
-    def witness(self, trial: int, sample: int) -> dict[str, Any]:
+    @property
+    def estimator(self) -> Estimator:
+        """The parameters of the law's estimate. Raises InvalidValue for a law without."""
+        if self.law.estimator is None:
+            raise InvalidValue(f"{self.controller} must estimate a pseudo partial derivative, and has no estimator")
+        return self.law.estimator
+
+    def witness(self, trial: int, sample: int) -> dict[str, object]:
         """Return the numbers of one place (array indices), enough to replay it from ``run.nc``."""
         return {
             "controller": self.controller,
@@ -67,10 +76,11 @@ class Evidence:
             "signal": f"{'increment of the output' if self.increment else 'output'} at sample {sample + self.degree}",
         }
 
-    def relative_error(self) -> Any:
+    def relative_error(self) -> Array:
         """Return |estimate - partial| / |partial|, NaN where a trial did not reach the sample."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.abs(self.estimate - self.partial) / np.abs(self.partial)
+            error: Array = np.abs(self.estimate - self.partial) / np.abs(self.partial)
+            return error
 
 
 def gain_unit(output: str, given: str) -> str:
@@ -81,11 +91,11 @@ def gain_unit(output: str, given: str) -> str:
 
 
 def units_of(plant: Plant) -> tuple[str, str]:
-    """Return the units of a plant's first output and first input."""
+    """Return the units of a plant's output and input, of which it has one each."""
     return plant.outputs[0].unit, plant.inputs[0].unit
 
 
-def learned_signal(y: Any, increment: bool) -> Any:
+def learned_signal(y: Array, increment: bool) -> Array:
     """Return the signal that a law learns on, same shape as y (..., N + 1); NaN at 0 for the increment."""
     if not increment:
         return y
@@ -97,28 +107,33 @@ def learned_signal(y: Any, increment: bool) -> Any:
 def evidence(campaign: Campaign, controller: str) -> Evidence:
     """Gather the three quantities for every trial and sample that was reached.
 
-    Raises InvalidValue where no sample of the output depends on an input.
+    Raises InvalidValue for a plant with several channels, and where no sample of the output depends on an input.
     """
     study = campaign.study
-    degree = study.plant.relative_degree()
-    if degree is None:
-        raise InvalidValue(f"no output of {study.plant.name} depends on its first input within 200 samples")
-    law = study.controllers[controller]
-    increment = law.learns_on == "increment"
+    plant = study.plant_that_runs
     taken = recorded(campaign, controller)
+    degree = study.relative_degree
+    if degree is None:
+        raise InvalidValue(
+            f"the output of {plant.name} does not depend on its input within {min(200, study.horizon)} samples: "
+            "give it an input that acts, or a longer reference"
+        )
+    law = campaign.tuned_laws()[controller]
+    law = law.ready_for(study.task(law))
+    increment = law.learns_on == "increment"
     trials, n = taken.u.shape
     m = n - degree + 1
-    along = Lineariser(study.plant, n)
+    along = Lineariser(plant, n)
     signal = learned_signal(taken.y, increment)
     du = np.full((trials, m), np.nan)
     ds, carried, midway, slope = (np.full((trials, m), np.nan) for _ in range(4))
     for i in range(trials):
-        slope[i] = partial(along.at(taken.x[i], taken.u[i]), degree)
+        slope[i] = partial(along.at(taken.x[i], taken.u[i], taken.w[i]), degree)
         if i == 0:
             continue
         du[i] = (taken.u[i] - taken.u[i - 1])[:m]
         ds[i] = (signal[i] - signal[i - 1])[degree:]
-        line = along.at((taken.x[i] + taken.x[i - 1]) / 2, (taken.u[i] + taken.u[i - 1]) / 2)
+        line = along.at(*((now[i] + now[i - 1]) / 2 for now in (taken.x, taken.u, taken.w)))
         midway[i] = partial(line, degree)
         linear = _linear_difference(line, taken.x[i, :, 0] - taken.x[i - 1, :, 0], taken.u[i] - taken.u[i - 1])
         carried[i] = learned_signal(linear, increment)[degree:] - midway[i] * du[i]
@@ -139,11 +154,11 @@ def evidence(campaign: Campaign, controller: str) -> Evidence:
         carried=carried,
         remainder=ds - midway * du - carried,
         partial_midway=midway,
-        units=units_of(study.plant),
+        units=units_of(plant),
     )
 
 
-def _linear_difference(line: Any, dx0: Any, du: Any) -> Any:
+def _linear_difference(line: Linearisation, dx0: Array, du: Array) -> Array:
     """Return the output difference (N + 1,) that the linearisation gives for an initial and input difference."""
     n = line.b.shape[0]
     known = int(np.isfinite(line.a).all(axis=(1, 2)).sum())
@@ -156,7 +171,7 @@ def _linear_difference(line: Any, dx0: Any, du: Any) -> Any:
     return result
 
 
-def quantiles(values: Any, axis: int, levels: tuple[float, ...] = (0.1, 0.5, 0.9)) -> Any:
+def quantiles(values: Array, axis: int, levels: tuple[float, ...] = (0.1, 0.5, 0.9)) -> Array:
     """Return quantiles of what is finite along an axis, (levels, other axis); NaN where nothing is."""
     finite = np.where(np.isfinite(values), values, np.nan)
     some = np.isfinite(finite).any(axis=axis)

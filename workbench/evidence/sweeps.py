@@ -2,96 +2,75 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from workbench.fold.fold import stream
-from workbench.fold.machine_code import compiled
+from models.array import Array
 from workbench.trials.campaign import Campaign
+from workbench.trials.simulation import runner_of, swept
 
 
 class Sweep(NamedTuple):
     """What became of a law for each value of a field."""
 
     field: str
-    values: Any
+    values: Array
     mse_first: float
-    mse_last: Any
+    mse_last: Array
     """NaN where the law diverged."""
-    mse_peak: Any
+    mse_peak: Array
     """Largest MSE of the campaign, infinite where the law diverged."""
 
     @property
-    def converges(self) -> Any:
+    def converges(self) -> NDArray[np.bool_]:
         """Whether the last MSE lies below the first, by value."""
-        return np.nan_to_num(self.mse_last, nan=np.inf) < self.mse_first
+        return np.asarray(np.nan_to_num(self.mse_last, nan=np.inf) < self.mse_first)
 
 
-class Runner:
+class Swept:
     """A controller's campaign, ready to be run with other values of its law's float fields."""
 
     def __init__(self, campaign: Campaign, controller: str) -> None:
-        self.study = campaign.study
-        self.law = self.study.controllers[controller]
-        self.fold = self.study.fold(controller)
-        self.machine = compiled(self.fold.trial)
-        self.inputs, self.reference = self.study.inputs(), self.study.reference_samples
-        self.limit = (self.study.divergence_factor * float(np.abs(self.reference).max())) ** 2
+        self.runner = runner_of(campaign.study, controller, campaign.tuned_laws()[controller])
+        self.inputs = campaign.study.inputs()
 
-    def mse(self, **fields: float) -> list[float]:
-        """Return the MSE by trial with some fields changed, up to the trial at which it diverges."""
-        values = self.fold.values_of(dataclasses.replace(self.law, **fields))
-        mse: list[float] = []
-        for left in stream(
-            self.fold,
-            self.reference,
-            self.inputs,
-            trial=self.machine,
-            values=values,
-            carry_state=self.study.continues,
-        ):
-            mse.append(left.mse)
-            if self.gone(mse):
-                break
-        return mse
-
-    def gone(self, mse: list[float]) -> bool:
-        """Tell whether the last of these trials diverged."""
-        return not mse[-1] <= self.limit
+    def mse(self, **fields: float) -> tuple[list[float], bool]:
+        """Return the MSE by trial with some fields changed, and whether it diverged at the last of them."""
+        mse, reason = swept(self.runner, self.inputs, fields)
+        return mse, reason is not None
 
 
-def sweep(campaign: Campaign, controller: str, field: str, values: Sequence[float]) -> Sweep:
+def sweep(campaign: Campaign, controller: str, field: str, values: Array) -> Sweep:
     """Run a controller's campaign again for each value of one of its float fields, same trials otherwise."""
-    runner = Runner(campaign, controller)
+    runner = Swept(campaign, controller)
     runs = [runner.mse(**{field: float(value)}) for value in values]
-    last = [np.nan if runner.gone(mse) else mse[-1] for mse in runs]
-    peak = [np.inf if runner.gone(mse) else max(mse) for mse in runs]
-    return Sweep(field, np.asarray(values, dtype=float), runs[0][0], np.array(last), np.array(peak))
+    last = [np.nan if gone else mse[-1] for mse, gone in runs]
+    peak = [np.inf if gone else max(mse) for mse, gone in runs]
+    return Sweep(field, np.asarray(values, dtype=float), runs[0][0][0], np.array(last), np.array(peak))
 
 
 class Grid(NamedTuple):
     """What became of a CFDL law for each lambda (rows) and force unit (columns)."""
 
-    lam: Any
-    force_unit: Any
+    lam: Array
+    force_unit: Array
     mse_first: float
-    mse_last: Any
+    mse_last: Array
     """NaN where the law diverged, (lambdas, units)."""
 
 
-def grid(campaign: Campaign, controller: str, lam: Sequence[float], force_unit: Sequence[float]) -> Grid:
+def grid(campaign: Campaign, controller: str, lam: Array, force_unit: Array) -> Grid:
     """Run a CFDL controller's campaign again for every pair of lambda and force unit, same trials otherwise."""
-    runner = Runner(campaign, controller)
+    runner = Swept(campaign, controller)
     last = np.full((len(lam), len(force_unit)), np.nan)
     first = np.nan
     for i, weight in enumerate(lam):
         for j, unit in enumerate(force_unit):
-            mse = runner.mse(lam=float(weight), force_unit=float(unit))
+            mse, gone = runner.mse(lam=float(weight), force_unit=float(unit))
             first = mse[0]
-            last[i, j] = np.nan if runner.gone(mse) else mse[-1]
+            last[i, j] = np.nan if gone else mse[-1]
     return Grid(np.asarray(lam, dtype=float), np.asarray(force_unit, dtype=float), first, last)
 
 
@@ -104,6 +83,6 @@ def boundary(found: Sweep) -> float | None:
     return float(found.values[bad[-1] + 1 if bad.size else 0])
 
 
-def around(middle: float, decades: float = 4.0, count: int = 25) -> Any:
+def around(middle: float, decades: float = 4.0, count: int = 25) -> Array:
     """Return ``count`` values spread over ``decades`` on each side of a positive number, evenly on a log scale."""
-    return middle * np.logspace(-decades, decades, count)
+    return np.asarray(middle * np.logspace(-decades, decades, count))

@@ -10,15 +10,18 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from typing import Any
+from collections.abc import Sequence
 
 import casadi as ca
 
+from models.expression import Expression, as_expression
 from models.function_name import function_name
 from models.plant import Plant
 from models.quantity import symbolised
-from workbench.contracts.law import Law, Task, Trial
-from workbench.fold.sample import Sample, like, one_sample
+from workbench.contracts.law import AnyLaw, Task, Trial
+from workbench.fold.answers import begun, estimated, learned, made_ready, placed, tellings
+from workbench.fold.named import as_matrix, expressions, like, names
+from workbench.fold.sample import Sample, one_sample
 
 MEMORY = "memory_"
 
@@ -34,7 +37,7 @@ class Equations:
     """A digest of all that a Function made of these equations depends on: serialised expressions, names, sizes."""
     plant: Plant = dataclasses.field(compare=False)
     """The plant, its quantities SX symbols."""
-    law: Law = dataclasses.field(compare=False)
+    law: AnyLaw = dataclasses.field(compare=False)
     """The law, its quantities entries of p."""
     samples: int = dataclasses.field(compare=False)
     symbols: dict[str, ca.SX] = dataclasses.field(compare=False)
@@ -45,28 +48,29 @@ class Equations:
     """The memory before the first trial."""
     kept: dict[str, ca.MX] = dataclasses.field(compare=False)
     """The memory of a trial, by name."""
-    memory: Any = dataclasses.field(compare=False)
+    memory: tuple[object, ...] = dataclasses.field(compare=False)
     """The same as the law's NamedTuple."""
-    begin: Any = dataclasses.field(compare=False)
+    begin: Expression = dataclasses.field(compare=False)
     """The state in which the trial begins."""
-    ready: Any = dataclasses.field(compare=False)
+    ready: tuple[object, ...] = dataclasses.field(compare=False)
     """The acting state with which it begins."""
     sample: Sample = dataclasses.field(compare=False)
 
 
-def equations(plant: Plant, law: Law, samples: int) -> Equations:
+def equations(plant: Plant, law: AnyLaw, samples: int, task: Task | None = None) -> Equations:
     """Ask plant and law for their equations over N samples.
 
+    ``task`` is what the law is told besides reference, sampling time and limits; by default nothing.
     Raises InvalidValue where step, output or act give values of the wrong shape.
     """
     ny, nu, nx, nw = (len(named) for named in (plant.outputs, plant.inputs, plant.states, plant.disturbances))
     plant_sx, law_sx = symbolised(plant), symbolised(law)
-    names = [f"plant.{name}" for name in plant_sx.names] + [f"law.{name}" for name in law_sx.names]
-    symbols = dict(zip(names, [*plant_sx.symbols, *law_sx.symbols], strict=True))
-    p = ca.MX.sym("p", len(names))
-    pieces = iter(ca.vertsplit(p) if names else [])
+    quantities = [f"plant.{name}" for name in plant_sx.names] + [f"law.{name}" for name in law_sx.names]
+    symbols = dict(zip(quantities, [*plant_sx.symbols, *law_sx.symbols], strict=True))
+    p = ca.MX.sym("p", len(quantities))
+    pieces = iter(ca.vertsplit(p) if quantities else [])
     limits = symbolised(plant, lambda name: next(pieces)).thing.input_limits
-    law_mx: Law = symbolised(law, lambda name: next(pieces)).thing
+    law_mx: AnyLaw = symbolised(law, lambda name: next(pieces)).thing
     given = {
         "x0": ca.MX.sym("x0", nx),
         "length": ca.MX.sym("length"),
@@ -76,56 +80,74 @@ def equations(plant: Plant, law: Law, samples: int) -> Equations:
         "p": p,
         "sampling_time": ca.MX.sym("sampling_time"),
     }
-    begun = law_mx.start(Task(given["r"], given["sampling_time"], limits))
-    fields = [MEMORY + function_name(name) for name in getattr(begun, "_fields", ())]
-    first = tuple(ca.densify(ca.MX(value)) for value in begun)
+    if task is None:
+        task = Task(as_expression(given["r"]), as_expression(given["sampling_time"]))
+    if task.chance.numel():
+        given["chance"] = ca.MX.sym("chance", task.chance.numel())
+    if task.first_plan is not None:
+        given["plan"] = ca.MX.sym("plan", nu, samples)
+    before = begun(
+        law_mx,
+        task._replace(
+            reference=as_expression(given["r"]),
+            sampling_time=as_expression(given["sampling_time"]),
+            limits=limits,
+            first_plan=as_expression(given["plan"]) if "plan" in given else None,
+            chance=as_expression(given["chance"]) if "chance" in given else task.chance,
+        ),
+    )
+    fields = [MEMORY + function_name(name) for name in names(before)]
+    first = tuple(ca.densify(as_matrix(value)) for value in expressions(before))
     kept = {name: ca.MX.sym(name, *value.shape) for name, value in zip(fields, first, strict=True)}
-    memory = like(begun, list(kept.values()))
-    begin, ready = law_mx.place(memory, given["x0"]), law_mx.ready(memory)
+    memory = like(before, list(kept.values()))
+    begin, ready = placed(law_mx, memory, as_expression(given["x0"])), made_ready(law_mx, memory)
     sample = one_sample(plant_sx.thing, law_sx.thing, memory, ready, samples)
 
     rows = {"y": (ny, samples + 1), "e": (ny, samples + 1), "u": (nu, samples), "reached": (1, samples + 1)}
     left = {name: ca.MX.sym(name, *shape) for name, shape in rows.items()}
-    state = like(ready, [ca.MX.sym(f"s{i}", field.shape[0], samples) for i, field in enumerate(sample.state)])
-    trial = Trial(given["r"], left["y"], left["e"], left["u"], left["reached"], state)
-    estimate = law_mx.ppd_estimate(memory)
-    between = {
-        "first": first,
+    states = [ca.MX.sym(f"s{i}", field.shape[0], samples) for i, field in enumerate(sample.state)]
+    state = like(ready, states)
+    seen = {name: as_expression(value) for name, value in left.items()}
+    trial = Trial(as_expression(given["r"]), seen["y"], seen["e"], seen["u"], seen["reached"], state)
+    estimate = estimated(law_mx, memory, plant, samples)
+    between: dict[str, Sequence[Expression]] = {
+        "first": [as_expression(value) for value in first],
         "begin": (begin,),
-        "ready": ready,
-        "learned": law_mx.learn(memory, trial),
-        "told": law_mx.tell(memory, trial) if law_mx.tells else (),
+        "ready": expressions(ready),
+        "learned": expressions(learned(law_mx, memory, trial)),
+        "told": tellings(law_mx, memory, trial, samples),
         "estimate": () if estimate is None else (estimate,),
     }
-    asked = [given[name] for name in ("x0", "r", "p", "sampling_time")]
-    within = [sample.x_next, *sample.state_next, sample.u, sample.y, sample.applied]
+    asked = [given[name] for name in given if name not in ("length", "w", "noise")]
+    within = [sample.x_next, *sample.state_next, *sample.over_next, sample.u, sample.y, sample.applied]
     about = (
         samples,
         plant.name,
         type(law).__name__,
-        names,
+        quantities,
         fields,
         [(name, len(values)) for name, values in between.items()],
     )
     content = _digest(
         json.dumps(about),
-        _serialised(
-            [*asked, *kept.values(), *left.values(), *state], [ca.MX(one) for all in between.values() for one in all]
-        ),
-        _serialised([sample.x, *sample.state, *sample.memory, *sample.rows.values(), *symbols.values()], within),
+        ca.Function(
+            "content",
+            [*asked, *kept.values(), *left.values(), *states],
+            [as_matrix(one) for all in between.values() for one in all],
+        ).serialize(),
+        ca.Function(
+            "content",
+            [sample.x, *sample.state, *sample.over, *sample.memory, *sample.rows.values(), *symbols.values()],
+            within,
+        ).serialize(),
     )
     return Equations(
         content, plant_sx.thing, law_mx, samples, symbols, given, first, kept, memory, begin, ready, sample
     )
 
 
-def _serialised(symbols: list[Any], values: list[Any]) -> str:
-    """Return expressions as text that tells them apart to the last bit of every number."""
-    text: str = ca.Function("content", symbols, values).serialize()
-    return text
-
-
 def _digest(*texts: str) -> str:
+    """Return what tells texts apart; serialised expressions are text to the last bit of every number."""
     whole = hashlib.sha256()
     for text in texts:
         whole.update(f"{len(text)} ".encode())

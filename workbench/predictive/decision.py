@@ -1,4 +1,4 @@
-"""What a predictive law decides at one sample, and the plan it rides on."""
+"""By how much a predictive law moves the input at one sample, and the plan it rides on."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from workbench.predictive.quadratic_program import Infeasible
 from workbench.sets.array import Array
 
 
-class Decision(NamedTuple):
-    """The increment for this sample and how it came about."""
+class Move(NamedTuple):
+    """The increment of the input for this sample and how it came about."""
 
     du: float
     M: int
@@ -33,18 +33,18 @@ class Following(NamedTuple):
     wait: int
 
 
-def without_plan(e: ArrayLike, K: Array, reason: str, qps: int) -> tuple[Decision, Following]:
-    """What a law does that has no plan and never had one: the tube's feedback, du = K e, until one can be made.
+def without_plan(e: ArrayLike, K: Array, reason: str) -> tuple[Move, Following]:
+    """What a law does that has no plan to follow: the tube's feedback, du = K e, until one can be made.
 
     `e` has shape (n,) and is finite, `K` shape (n,). The bounds may be broken meanwhile, as the reason tells.
     """
     du = float(K @ np.asarray(e, dtype=np.float64))
-    return Decision(du=du, M=1, J=np.nan, qps=qps, infeasible=f"{reason}; no earlier plan, feedback acts"), start()
+    return Move(du=du, M=1, J=np.nan, qps=1, infeasible=f"{reason}, feedback acts"), start()
 
 
 def planned_anew(
     memory: Following, answer: Plan | Infeasible, e: ArrayLike, K: Array, A_cl: Array
-) -> tuple[Decision, Following]:
+) -> tuple[Move, Following]:
     """What a law does that plans at every sample: follow the new plan, or the last where none could be made.
 
     `K` and `A_cl` continue a plan by its feedback; `e` is used where there never was one, see `without_plan`.
@@ -52,9 +52,9 @@ def planned_anew(
     reason = answer.reason if isinstance(answer, Infeasible) else ""
     plan = memory.plan if isinstance(answer, Infeasible) else answer
     if plan is None:
-        return without_plan(e, K, reason, qps=1)
-    decision = Decision(du=float(plan.du[0]), M=1, J=plan.J, qps=1, infeasible=reason)
-    return decision, Following(plan=plan.advanced(K, A_cl), wait=0)
+        return without_plan(e, K, f"{reason}; no earlier plan")
+    move = Move(du=float(plan.du[0]), M=1, J=plan.J, qps=1, infeasible=reason)
+    return move, Following(plan=plan.advanced(K, A_cl), wait=0)
 
 
 def start() -> Following:

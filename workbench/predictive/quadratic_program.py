@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import daqp
 import numpy as np
@@ -138,7 +138,7 @@ class WarmQP:
         self._slack = FEASIBILITY_TOLERANCE * self._rows * sizes
         self._both = np.vstack([self._H, self._G])
         self._below = np.full(len(G), -1e30)
-        self._model: Any = None
+        self._model: daqp.Model | None = None
 
     @property
     def cost_size(self) -> float:
@@ -156,22 +156,21 @@ class WarmQP:
             answer = self._cold(f, g)
         else:
             self._model.update(f=f, bupper=g)
-            answer = self._check(f, g)
+            answer = self._check(self._model, f, g)
             if answer is None:
                 answer = self._cold(f, g)
         return self._doubted(f, g) if answer is None else answer
 
     def _cold(self, f: Array, g: Array) -> Solved | None:
-        self._model = daqp.Model()
-        self._model.settings = SOLVER_SETTINGS
-        self._model.setup(self._H, f, self._G, g, self._below, np.zeros(len(g), dtype=np.int32))
-        answer = self._check(f, g)
-        if answer is None:
-            self._model = None  # no active set worth starting from
+        model = daqp.Model()
+        model.settings = SOLVER_SETTINGS
+        model.setup(self._H, f, self._G, g, self._below, np.zeros(len(g), dtype=np.int32))
+        answer = self._check(model, f, g)
+        self._model = None if answer is None else model  # without one there is no active set worth starting from
         return answer
 
-    def _check(self, f: Array, g: Array) -> Solved | None:
-        u, _, flag, info = self._model.solve()
+    def _check(self, model: daqp.Model, f: Array, g: Array) -> Solved | None:
+        u, _, flag, info = model.solve()
         if flag != 1:
             return None
         multipliers, image = info["lam"], self._both.dot(u)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
+from models.array import Array
 from workbench.contracts.record import TrialRecord
 
 
-def slope_growth(output: int, *, factor: float = 1.05, trials: int = 8) -> Callable[[TrialRecord, Any], str | None]:
+def slope_growth(output: int, *, factor: float = 1.05, trials: int = 8) -> Callable[[TrialRecord, Array], str | None]:
     """Return a watch over the slope of an output's error, which D-type learning contracts or does not.
 
     The law has diverged when the RMS of the error's sample-to-sample change has grown by ``factor`` or more in
@@ -18,7 +18,7 @@ def slope_growth(output: int, *, factor: float = 1.05, trials: int = 8) -> Calla
     """
     last, run = np.inf, 0
 
-    def watch(left: TrialRecord, reference: Any) -> str | None:
+    def watch(left: TrialRecord, reference: Array) -> str | None:
         nonlocal last, run
         change = np.diff(reference[output] - left.y[output])
         size = float(np.sqrt(np.nanmean(change**2)))

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from models.array import Array as Array
 from models.quantity import InvalidValue
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 def checked(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Array:

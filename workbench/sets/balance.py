@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from workbench.sets.array import Array
 
@@ -31,7 +30,7 @@ class Scales(NamedTuple):
     columns: Array
 
 
-def powers_of_two(exponents: NDArray[np.floating]) -> Array:
+def powers_of_two(exponents: Array) -> Array:
     """2 to the nearest whole of each exponent."""
     scales: Array = np.exp2(np.rint(np.clip(exponents, -LARGEST_EXPONENT, LARGEST_EXPONENT)))
     return scales
@@ -104,4 +103,4 @@ def state_units(A: Array, *columns: Array) -> Array:
     for index, column in enumerate(columns):
         for i in np.flatnonzero(column):
             alike(int(i), n + index, float(np.log2(abs(column[i]))))
-    return powers_of_two(np.linalg.solve(equations, targets)[:n])
+    return powers_of_two(np.asarray(np.linalg.solve(equations, targets)[:n], dtype=np.float64))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +26,10 @@ SMALL = 2.0**-10
 RESCALINGS = 4
 """How often that is done at most."""
 
-ATTEMPTS: tuple[Mapping[str, Any], ...] = (
-    {"method": "highs", "presolve": True},
-    {"method": "highs", "presolve": False},
-    {"method": "highs-ipm", "presolve": False},
+ATTEMPTS: tuple[tuple[Literal["highs", "highs-ipm"], bool], ...] = (
+    ("highs", True),
+    ("highs", False),
+    ("highs-ipm", False),
 )
 """One after the other until an answer passes: HiGHS' presolve may leave open whether it saw no point or no end."""
 
@@ -101,7 +100,7 @@ def minimise(c: Array, G: Array, g: Array, *, equal: tuple[Array, Array] | None 
 def _believed(cost: Array, matrix: Array, room: Array, rows: int) -> LPAnswer:
     """The first answer to the scaled program that passes, with the prices of all rows."""
     for attempt in ATTEMPTS:
-        answer = _solved(cost, matrix, room, rows, attempt)
+        answer = _solved(cost, matrix, room, rows, *attempt)
         if answer.status == 0:
             prices = -np.concatenate([answer.ineqlin.marginals, answer.eqlin.marginals])
             if _holds(cost, matrix, room, rows, answer.x, prices):
@@ -127,7 +126,9 @@ def _without_idle_rows(
     return answer._replace(prices=prices)
 
 
-def _solved(cost: Array, matrix: Array, room: Array, rows: int, attempt: Mapping[str, Any]) -> OptimizeResult:
+def _solved(
+    cost: Array, matrix: Array, room: Array, rows: int, method: Literal["highs", "highs-ipm"], presolve: bool
+) -> OptimizeResult:
     return linprog(
         cost,
         A_ub=matrix[:rows],
@@ -135,9 +136,9 @@ def _solved(cost: Array, matrix: Array, room: Array, rows: int, attempt: Mapping
         A_eq=matrix[rows:] if len(matrix) > rows else None,
         b_eq=room[rows:] if len(matrix) > rows else None,
         bounds=(None, None),
-        method=attempt["method"],
+        method=method,
         options={
-            "presolve": attempt["presolve"],
+            "presolve": presolve,
             "primal_feasibility_tolerance": SOLVER_TOLERANCE,
             "dual_feasibility_tolerance": SOLVER_TOLERANCE,
         },

@@ -12,10 +12,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from models.errors import InvalidValue
+from models.users_code import InUsersCodeError, place_of
 from workbench.distribution import PACKAGES, unhidden
+
+if TYPE_CHECKING:
+    from workbench.contracts.study import Study
 
 GROUP = "workbench.studies"
 """The entry points that name studies: ``name = "package.module:STUDY"``."""
@@ -42,7 +46,7 @@ def _first_line(module: str) -> str:
     return document.partition("\n")[0].rstrip(".")
 
 
-def find(name: str) -> Any:
+def find(name: str) -> Study:
     """Return a study: an installed one by name, or the ``study`` of a Python file by its path.
 
     Raises InvalidValue for an unknown name, and for a file that is missing, fails or declares no study.
@@ -52,7 +56,8 @@ def find(name: str) -> Any:
     entry = _entry(name)
     if entry.module.partition(".")[0] == "studies":
         unhidden("studies")
-    return entry.load()
+    study: Study = entry.load()
+    return study
 
 
 def _entry(name: str) -> EntryPoint:
@@ -67,7 +72,7 @@ def _entry(name: str) -> EntryPoint:
     raise InvalidValue(f"there is no study {name!r}; {hint} (a study of your own is given as a .py file)")
 
 
-def _from_file(file: Path) -> Any:
+def _from_file(file: Path) -> Study:
     if not file.is_file():
         raise InvalidValue(f"a study of your own is given as an existing .py file, got {file}")
     spec = importlib.util.spec_from_file_location(f"study_{abs(hash(file.resolve()))}", file)
@@ -77,8 +82,11 @@ def _from_file(file: Path) -> Any:
     try:
         with _importable(file.resolve().parent):
             spec.loader.exec_module(module)
-    except InvalidValue:
+    except InUsersCodeError:
         raise
+    except InvalidValue as error:
+        place = place_of(error)
+        raise InvalidValue(str(error) if place is None else f"{place} failed: {error}") from error
     except (Exception, SystemExit) as error:
         frames = traceback.extract_tb(error.__traceback__)
         lines = [frame.lineno for frame in frames if Path(frame.filename).resolve() == file.resolve()]
@@ -87,9 +95,9 @@ def _from_file(file: Path) -> Any:
         raise InvalidValue(f"{at} failed: {type(error).__name__}: {message}{_hint(error, file)}") from error
     from workbench.contracts.study import Study  # a name, a title and an error need no Dataset
 
-    found = getattr(module, "study", None)
+    found = vars(module).get("study")
     if not isinstance(found, Study):
-        raise InvalidValue(f"{file} must declare a variable named study, as in: study = TrialStudy(...)")
+        raise InvalidValue(f"{file} must declare a variable named study, as in: study = Study(...)")
     return found
 
 
@@ -101,7 +109,7 @@ def _importable(folder: Path) -> Iterator[None]:
     """
     _FOLDERS.add(folder)
     for name, module in list(sys.modules.items()):
-        file = getattr(module, "__file__", None)
+        file = vars(module).get("__file__")
         home = Path(file).resolve() if file else folder
         home = home.parents[1] if home.stem == "__init__" else home.parent
         if "." not in name and home != folder and home in _FOLDERS and _beside(folder, name):

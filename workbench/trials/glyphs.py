@@ -8,9 +8,9 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
 
 from matplotlib import font_manager
+from matplotlib.figure import Figure
 from matplotlib.ft2font import FT2Font
 from matplotlib.text import Text
 
@@ -20,7 +20,7 @@ _said: set[str] = set()
 _open: list[set[str]] = []
 
 
-def saved(figure: Any, save: Callable[[], None]) -> None:
+def saved(figure: Figure, save: Callable[[], None]) -> None:
     """Save a figure; again, with fonts beside its own, where they are found to lack characters.
 
     ``save`` writes the figure. Characters that no installed font has are named once in a process, in one line.
@@ -83,7 +83,7 @@ def _having(wanted: frozenset[str]) -> tuple[str, ...]:
     return tuple(families)
 
 
-def _fonts() -> Sequence[Any]:
+def _fonts() -> Sequence[font_manager.FontEntry]:
     """Return the installed fonts, regular and upright ones first, without those that have every character as a box."""
     listed = [font for font in font_manager.fontManager.ttflist if not font.name.startswith("Last Resort")]
     return sorted(listed, key=lambda font: (font.style != "normal", font.weight != 400, font.name))

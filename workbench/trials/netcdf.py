@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Hashable, Mapping, Sequence
+from typing import TypeAlias
 
 import h5netcdf
 import h5py
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from models.quantity import InvalidValue
 
+AnyArray: TypeAlias = NDArray[np.generic]
 COORDINATES = "coordinates"
 """The root attribute that names the coordinates that are no axes, with blanks between (xarray reads it too)."""
 KIND = "dtype"
@@ -42,7 +44,7 @@ def packed(data: xr.Dataset, attributes: Mapping[str, str]) -> bytes:
         for name, variable in data.variables.items():
             stored, kind = _stored(str(name), variable.values)
             try:
-                _write(out, str(name), variable.dims, stored, {**variable.attrs, **kind})
+                _write(out, str(name), variable.dims, stored, dict(variable.attrs) | dict(kind))
             except Exception as error:
                 raise InvalidValue(f"{name} cannot be written to run.nc: {_first(error)}") from None
         coordinates = {COORDINATES: " ".join(beside)} if beside else {}
@@ -61,7 +63,9 @@ def unpacked(file: str | os.PathLike[str]) -> xr.Dataset:
     return data[list(variables)] if list(data.variables) != list(variables) else data
 
 
-def _write(out: Any, name: str, dims: tuple[Any, ...], values: Any, attributes: Mapping[Any, Any]) -> None:
+def _write(
+    out: h5netcdf.File, name: str, dims: Sequence[Hashable], values: AnyArray, attributes: Mapping[Hashable, object]
+) -> None:
     text = values.dtype.kind == "O"
     packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if values.size > COMPRESSED else {}
     made = out.create_variable(
@@ -72,7 +76,7 @@ def _write(out: Any, name: str, dims: tuple[Any, ...], values: Any, attributes: 
         made.attrs[str(key)] = value
 
 
-def _stored(name: str, values: Any) -> tuple[Any, dict[str, str]]:
+def _stored(name: str, values: AnyArray) -> tuple[AnyArray, dict[str, str]]:
     """Return values as netCDF has them, and the attribute that says what they are where it has no such type."""
     kind = values.dtype.kind
     if kind in "iuf" and values.dtype.itemsize <= 8 and values.dtype != np.float16:
@@ -86,7 +90,7 @@ def _stored(name: str, values: Any) -> tuple[Any, dict[str, str]]:
     raise InvalidValue(f"{name} must hold numbers, text, times or truths, got {values.dtype}: give another type")
 
 
-def _read(variable: Any) -> xr.Variable:
+def _read(variable: h5netcdf.Variable) -> xr.Variable:
     """Return a variable as it was: attributes by name, text as NumPy's."""
     values, attributes = np.asarray(variable[...]), dict(variable.attrs)
     if values.dtype.kind == "O":

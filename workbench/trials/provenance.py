@@ -7,26 +7,40 @@ import inspect
 import json
 import platform
 import subprocess
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Hashable, Mapping
+from typing import TypedDict
 
 import casadi as ca
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
+from models.expression import Expression
 from models.plant import Plant
 from models.quantity import Quantity, is_declared, symbolised, walked
 from workbench import graph
+from workbench.contracts.law import AnyLaw, Task
 from workbench.contracts.study import Study
 from workbench.distribution import __version__
 from workbench.fold.equations import equations
 from workbench.fold.machine_code import compiler
 
-Provenance = dict[str, Any]
-"""What ``provenance.json`` holds, but for the run id and the files: see :func:`provenance`."""
+
+class Provenance(TypedDict):
+    """What ``provenance.json`` holds, but for the run id and the files: see :func:`provenance`."""
+
+    version: str
+    python: str
+    casadi: str
+    numpy: str
+    machine: str
+    compiler: str | None
+    seed: int
+    plants: dict[str, str]
+    laws: dict[str, str]
 
 
-def provenance(study: Any) -> Provenance:
+def provenance(study: Study) -> Provenance:
     """Return what a run of a study comes from: nothing in it depends on the day.
 
     ``version``, ``python``, ``casadi``, ``numpy``, ``machine``, ``compiler`` (the first line that it says of itself,
@@ -46,7 +60,7 @@ def provenance(study: Any) -> Provenance:
     }
 
 
-def run_id(attributes: Mapping[str, Any], source: Provenance, data: xr.Dataset) -> str:
+def run_id(attributes: Mapping[Hashable, object], source: Provenance, data: xr.Dataset) -> str:
     """Return the digest that names a run: of study, settings and version, plants, laws, and all that was recorded.
 
     Of every variable its name, axes, type, shape, attributes and bytes count, so NaN and signed zeros do. Python's,
@@ -69,15 +83,12 @@ def run_id(attributes: Mapping[str, Any], source: Provenance, data: xr.Dataset) 
     return whole.hexdigest()
 
 
-def plants_of(study: Any) -> list[tuple[str, Plant]]:
-    """Return the plants that a study declares, by path; of one that declares none, what it calls its plant."""
-    fields = walked(study, _may_hold_plants) if is_declared(study) else ()
-    found = [(path, value) for path, _, value in fields if isinstance(value, Plant)]
-    own = getattr(study, "plant", None)
-    return found or ([("plant", own)] if isinstance(own, Plant) else [])
+def plants_of(study: Study) -> list[tuple[str, Plant]]:
+    """Return the plants that a study declares, by path."""
+    return [(path, value) for path, _, value in walked(study, _may_hold_plants) if isinstance(value, Plant)]
 
 
-def _may_hold_plants(spec: Quantity, value: Any) -> bool:
+def _may_hold_plants(spec: Quantity, value: object) -> bool:
     """Tell whether to look into a field: not into a plant, whose own plant is told with it."""
     return spec.kind == "part" and is_declared(value) and not isinstance(value, Plant)
 
@@ -99,7 +110,7 @@ def _of_plant(plant: Plant) -> str:
     return _digest(f"{symbolic.names} {text}")
 
 
-def _of_one_sample(plant: Plant, quantities: tuple[Any, ...]) -> ca.Function:
+def _of_one_sample(plant: Plant, quantities: tuple[Expression, ...]) -> ca.Function:
     at = plant.symbols()
     results = [plant.next_state(**at), plant.measured(at["x"])]
     names = [*at, *(f"quantity_{i}" for i, _ in enumerate(quantities))]
@@ -107,16 +118,16 @@ def _of_one_sample(plant: Plant, quantities: tuple[Any, ...]) -> ca.Function:
 
 
 def _of_laws(study: Study) -> dict[str, str]:
-    """Return a digest of every controller: of its equations where it is folded, of its source where it is not."""
-    if made := study.folded():
-        return {name: _of_equations(*folded) for name, folded in made.items()}
-    laws: Mapping[str, Any] = getattr(study, "controllers", {})
-    return {name: _digest(_source(type(law))) for name, law in laws.items()}
+    """Return a digest of every controller: of its equations where it is folded, of its source where it is stepped."""
+    return {
+        name: _digest(_source(type(made.law))) if made.law.stepped else _of_equations(*made)
+        for name, made in study.folded().items()
+    }
 
 
-def _of_equations(plant: Plant, law: Any, samples: int) -> str:
+def _of_equations(plant: Plant, law: AnyLaw, samples: int, task: Task) -> str:
     try:
-        return equations(plant, law, samples).content
+        return equations(plant, law, samples, task).content
     except Exception as error:  # a law that does not suit the plant was not run
         return _digest(f"{_source(type(law))}\n{type(error).__name__}")
 
@@ -138,13 +149,13 @@ def _compiler() -> str | None:
     return (said.stdout.splitlines() or [command])[0].strip()
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: ArrayLike) -> list[object]:
     """Return an attribute as JSON has it: text as it is, numbers with their type, one alone or many."""
     values = np.asarray(value)
     return ["U" if values.dtype.kind == "O" else values.dtype.kind, values.ravel().tolist()]
 
 
-def _add(whole: Any, content: Any) -> None:
+def _add(whole: hashlib._Hash, content: object) -> None:
     text = json.dumps(content, separators=(",", ":"), sort_keys=True, default=str).encode()
     whole.update(f"{len(text)} ".encode())
     whole.update(text)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from collections.abc import Hashable
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from models.errors import InvalidValue
+from workbench.contracts import settings
 from workbench.distribution import __version__
-from workbench.trials import progress, settings
+from workbench.trials import progress
 from workbench.trials.campaign import Campaign
 from workbench.trials.provenance import Provenance, provenance
+from workbench.trials.simulation import simulate
 
 MADE_WITH = ("python", "casadi", "numpy", "machine", "compiler")
 DO = "run the study again"
@@ -36,12 +39,13 @@ def replayed(campaign: Campaign, *, show_progress: bool = False) -> None:
             f"a record is verified by the version that made it, {data.attrs['version']}, got {__version__}: {DO}"
         )
     now = provenance(study)
-    if changed := _changed(campaign, now):
+    if changed := _changed(campaign, recorded, now):
         raise InvalidValue(f"the study must be the one that was run, but {changed} changed since: {DO}")
     shown = progress.bar if show_progress else progress.silent
-    if departed := departure(data, study.simulate(shown)):
+    if departed := departure(data, simulate(study, shown)):
+        then, here = dict(recorded), dict(now)
         others = [
-            f"{name} {recorded.get(name)} then, {now[name]} now" for name in MADE_WITH if _differ(recorded, now, name)
+            f"{name} {then.get(name)} then, {here[name]} now" for name in MADE_WITH if then.get(name) != here[name]
         ]
         besides = f" ({'; '.join(others)})" if others else ""
         raise InvalidValue(
@@ -50,23 +54,20 @@ def replayed(campaign: Campaign, *, show_progress: bool = False) -> None:
         )
 
 
-def _changed(campaign: Campaign, now: Provenance) -> str:
+def _changed(campaign: Campaign, recorded: Provenance, now: Provenance) -> str:
     """Return what of a study is not as it was recorded, in words, or nothing."""
-    recorded: Provenance = campaign.recorded or {}
     if json.loads(campaign.data.attrs["settings"]) != json.loads(json.dumps(settings.as_json(campaign.study))):
         return "its list of settings"
-    if _differ(recorded, now, "seed"):
-        return f"its seed, {recorded.get('seed')} in the record and {now['seed']} in its settings,"
-    for kind, word in (("plants", "the equations of"), ("laws", "the equations of the law")):
-        then = recorded.get(kind) or {}
-        for name in {**then, **now[kind]}:
-            if then.get(name) != now[kind].get(name):
+    if recorded["seed"] != now["seed"]:
+        return f"its seed, {recorded['seed']} in the record and {now['seed']} in its settings,"
+    for then, here, word in (
+        (recorded["plants"], now["plants"], "the equations of"),
+        (recorded["laws"], now["laws"], "the equations of the law"),
+    ):
+        for name in {**then, **here}:
+            if then.get(name) != here.get(name):
                 return f"{word} {name}"
     return ""
-
-
-def _differ(then: Provenance, now: Provenance, name: str) -> bool:
-    return bool(then.get(name) != now[name])
 
 
 def departure(recorded: xr.Dataset, again: xr.Dataset) -> str:
@@ -91,15 +92,16 @@ def departure(recorded: xr.Dataset, again: xr.Dataset) -> str:
     return ""
 
 
-def _different(then: Any, now: Any) -> Any:
+def _different(then: NDArray[np.generic], now: NDArray[np.generic]) -> NDArray[np.bool_]:
     """Tell where two arrays differ in any bit."""
     if then.dtype.kind in "UO":
         return np.asarray(then != now)
     bits = np.dtype(f"u{then.dtype.itemsize}")
-    return np.asarray(np.ascontiguousarray(then).view(bits) != np.ascontiguousarray(now).view(bits))
+    different = np.ascontiguousarray(then).view(bits) != np.ascontiguousarray(now).view(bits)
+    return np.asarray(different).reshape(np.shape(then))  # a scalar became a row of one on the way
 
 
-def _same_kind(then: Any, now: Any) -> bool:
+def _same_kind(then: np.dtype[np.generic], now: np.dtype[np.generic]) -> bool:
     return bool(then == now or (then.kind in "UO" and now.kind in "UO"))
 
 
@@ -107,7 +109,7 @@ def _sized(variable: xr.Variable) -> str:
     return "(" + ", ".join(f"{name} {size}" for name, size in variable.sizes.items()) + ")"
 
 
-def _place(data: xr.Dataset, dims: tuple[Any, ...], at: tuple[int, ...]) -> str:
+def _place(data: xr.Dataset, dims: tuple[Hashable, ...], at: tuple[int, ...]) -> str:
     """Return where an entry stands, in the words of the axes."""
     named = [f"{dim} {data[dim].values[i] if dim in data.coords else i}" for dim, i in zip(dims, at, strict=True)]
     return f" at {', '.join(named)}" if named else ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Callable
 from functools import cache
@@ -16,24 +15,24 @@ import xarray as xr
 from models.plant import Plant, signals
 from models.quantity import InvalidValue, declared, quantity
 from verification import verify
+from workbench.contracts import settings
 from workbench.contracts.examination import Examination
+from workbench.contracts.scenario import NormalNoise
+from workbench.contracts.study import Study, Sweep
+from workbench.contracts.trial_length import TrialLength
 from workbench.controllers import ICFDL, PD
-from workbench.trials import settings
 from workbench.trials.campaign import Campaign, load, run
-from workbench.trials.drawn import SpeedNoise
 from workbench.trials.find import find
-from workbench.trials.length import TrialLength
 from workbench.trials.netcdf import packed, unpacked
 from workbench.trials.provenance import run_id
 from workbench.trials.replay import departure
-from workbench.trials.study import Sweep, TrialStudy
 
 NOTHING = Examination(claims=[], conclude=lambda verdicts: [])
 SMALL = {
-    "ato": ["seeds=2", "grid=[0.5,1]"],
-    "maglev": ["periods=2"],
-    "same-plant": ["trials=2", "budget=2", 'laws={"pid":{}}'],
-    "stopping": ["horizons=[3]"],
+    "ato": ["draws=2", "grid=[0.5,1]"],
+    "maglev": ["trials=2"],
+    "metro": ["trials=3"],
+    "stopping": ["draws=1"],
     "variable-gain": ["trials=2"],
 }
 Edit = Callable[[xr.Dataset, dict[str, Any]], xr.Dataset | None]
@@ -70,7 +69,7 @@ class Louder(PD):
         return 2 * u, state
 
 
-def study(**fields: Any) -> TrialStudy:
+def study(**fields: Any) -> Study:
     given: dict[str, Any] = {
         "name": "cart",
         "plant": Cart(),
@@ -78,11 +77,11 @@ def study(**fields: Any) -> TrialStudy:
         "controllers": {"pd": PD(kp=0.5, kd=0.0), "icfdl": ICFDL(force_unit=1.0, initial_input=0.0)},
         "trials": 6,
         "trial_length": TrialLength(law="uniform", minimum=30),
-        "noise": SpeedNoise(speed_sigma=0.01),
+        "noise": NormalNoise(sigma=0.01),
         "sweeps": (Sweep(field="kp", values=(0.1, 0.2), controllers=("pd",)),),
         "drawings": lambda study, data: {},
     }
-    return TrialStudy(**(given | fields))
+    return Study(**(given | fields))
 
 
 @cache
@@ -173,7 +172,7 @@ EDITS: dict[str, tuple[Edit, str]] = {
         lambda data, source: (changed_settings(data, "seed", 1), source.update(seed=1)) and None,
         "but .* at ",
     ),
-    "noise": (lambda data, source: changed_settings(data, "noise.speed_sigma", 0.02), "but .* at "),
+    "noise": (lambda data, source: changed_settings(data, "noise.sigma", 0.02), "but .* at "),
     "number of trials": (lambda data, source: changed_settings(data, "trials", 3), "in the record and"),
     "a law's gain": (lambda data, source: changed_settings(data, "controllers.pd.kp", 0.4), "but .* at "),
     "version": (version, "verified by the version that made it, 9.9, got"),
@@ -246,11 +245,7 @@ def test_a_study_that_changed_since_says_so(fields: dict[str, Any], message: str
 @pytest.mark.parametrize("name", sorted(SMALL))
 def test_every_kind_of_study_is_replayed(name: str, tmp_path: Path) -> None:
     chosen = find(name)
-    if name == "same-plant":
-        chosen = dataclasses.replace(chosen, laws={key: chosen.laws[key] for key in ("pid", "icfdl")})
-    done = run(
-        settings.assigned(chosen, [one for one in SMALL[name] if not one.startswith("laws")]), show_progress=False
-    )
+    done = run(settings.assigned(chosen, SMALL[name]), show_progress=False)
     done.record(tmp_path)
     loaded = load(tmp_path, chosen)
     verify(loaded, NOTHING, show_progress=False)

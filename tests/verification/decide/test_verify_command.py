@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Any
 from models.plant import Plant, signals
 from models.quantity import declared, quantity
 from workbench.controllers import ICFDL
-from workbench.trials.study import TrialStudy
+from workbench.contracts.study import Study
 
 @declared
 class Gain(Plant):
@@ -31,7 +32,7 @@ class Gain(Plant):
     def output(self, x: Any) -> Any:
         return (x.x,)
 
-study = TrialStudy(name="own", plant=Gain(), reference=np.ones(11), controllers={"icfdl": ICFDL()}, trials=3,
+study = Study(name="own", plant=Gain(), reference=np.ones(11), controllers={"icfdl": ICFDL()}, trials=3,
                    drawings=lambda study, data: {})
 """
 EXAMINED = """
@@ -88,3 +89,46 @@ def test_command_line(tmp_path: Path, standings: list[str], options: list[str], 
 def test_command_line_json(tmp_path: Path) -> None:
     done = command(tmp_path, ["PROVED"], "own.py", "--json")
     assert [one["standing"] for one in json.loads(done.stdout)] == ["PROVED"]
+
+
+CLAIMING = """
+from workbench.contracts.verdict import Claim, Finding, Standing
+
+def gain(study, data):
+    return [Claim(name="own.gain", statement="the last error is small", source="ours", check=lambda: look(data))]
+
+def look(data):
+    %s
+"""
+LOOKS = {
+    "a finding": (
+        'return Finding(standing=Standing.SUPPORTED, method="read", margin=float(data["mse"][0, -1]), unit="m^2")',
+        0,
+        "own.gain",
+    ),
+    "a slip": (
+        'return data["no_such_thing"]',
+        2,
+        r"own.py, line \d+: return.*check of own.gain.*no_such_thing",
+    ),
+    "no finding": ("return 3", 2, "a check must give a Finding, got 3"),
+}
+
+
+@pytest.mark.parametrize("what", LOOKS)
+def test_claims_of_a_study_of_ones_own(tmp_path: Path, what: str) -> None:
+    look, status, said = LOOKS[what]
+    declared = OWN.replace("drawings=", "claims=(gain,), drawings=")
+    declared = declared.replace("study = Study(", f"{CLAIMING % look}\nstudy = Study(")
+    declared = declared.replace("ICFDL()", "ICFDL(force_unit=1.0, lam=1.0, initial_input=0.1)")
+    (tmp_path / "own.py").write_text(declared)
+    arguments = [sys.executable, "-m", "workbench", "verify", "own.py"]
+    done = subprocess.run(arguments, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode in ((0, 1) if status == 0 else (2,)), done.stderr
+    assert re.search(said, done.stdout if status == 0 else done.stderr)
+    if status:
+        assert "Traceback" not in done.stderr and len(done.stderr.strip().splitlines()) == 1
+        return
+    verdicts = json.loads((tmp_path / "out" / "own" / "verdicts.json").read_text())
+    assert verdicts[-1]["claim"] == "own.gain" and verdicts[-1]["standing"] == "SUPPORTED"
+    assert len({one["claim"] for one in verdicts}) > 10, "the claims of learning laws in general come first"

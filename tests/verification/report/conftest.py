@@ -13,10 +13,10 @@ from models.plant import Plant, signals
 from models.quantity import declared, quantity
 from verification import Claim, Examination, Figure, Finding, Standing, Table, verify
 from verification.report.write import write
+from workbench.contracts.study import Study
 from workbench.contracts.verdict import undecided
 from workbench.controllers import ICFDL
 from workbench.trials.campaign import run
-from workbench.trials.study import TrialStudy
 
 EVIL = "<script>alert('a&b')</script>"
 
@@ -90,8 +90,8 @@ def examination(claims: Any = CLAIMS) -> Examination:
     )
 
 
-def study() -> TrialStudy:
-    return TrialStudy(
+def study() -> Study:
+    return Study(
         name="lag",
         title=f"A lag {EVIL}",
         source=f"ours {EVIL}",

@@ -13,11 +13,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from models.quantity import InvalidValue, declared, given, quantity
-from verification import Claim, Finding, Standing, verify
-from verification.decide.verify import judge
-from verification.report.write import exit_status, scores_json, shown, shown_value, tally, verdict_table, write
-from workbench.contracts.study import Study
+from models.quantity import InvalidValue
+from verification import Claim, Finding, Standing
+from verification.decide.verify import judge, verify_cases
+from verification.report.write import all_scores, exit_status, shown, shown_value, tally, verdict_table, write
 
 EVIL = "<script>alert('a&b')</script>"
 FILES = {"run.nc", "provenance.json", "scores.json", "verdicts.json", "verdicts.xml", "report.html", "figures"}
@@ -79,8 +78,9 @@ def test_everything_is_written(folder: Path) -> None:
 
 def test_verdicts_json(folder: Path) -> None:
     verdicts = json.loads((folder / "verdicts.json").read_text())
-    fields = ["claim", "controller", "statement", "source", "standing", "margin", "unit", "witness", "method"]
+    fields = ["claim", "case", "controller", "statement", "source", "standing", "margin", "unit", "witness", "method"]
     assert all(list(one) == fields for one in verdicts)
+    assert {one["case"] for one in verdicts} == {"default"}
     assert [one["standing"] for one in verdicts] == ["PROVED", "SUPPORTED", "REFUTED", "UNDECIDED", "UNDECIDED"]
     assert verdicts[0]["controller"] is None and verdicts[0]["margin"] == 1.5e-6
     assert verdicts[2]["witness"]["trial"] == 2 and len(verdicts[2]["witness"][EVIL]) == 2000
@@ -95,7 +95,7 @@ def test_scores_json_is_merged(folder: Path, report: Any) -> None:
     assert scores["icfdl"]["extra"] == 0.25 and scores["icfdl"]["worse"] is None and scores["other"] == {"extra": 1.0}
     for controller, metrics in report.campaign.scores().items():
         assert {name: scores[controller][name] for name in metrics} == metrics
-    assert scores_json(report) == content
+    assert all_scores(report) == content["scores"]
 
 
 def test_junit(folder: Path, report: Any) -> None:
@@ -153,7 +153,7 @@ def test_page_has_the_verdicts(page: Page) -> None:
     for expected in (
         "✓ PROVED", "✗ REFUTED", "1.5·10⁻⁶ m/N", "−2 <script>", "trial2", "box(x = [0, 1])", "budget spent",
         "[0, 1, 2, …, 1999] (2000 values)", "5 claims <script>", "Do nothing.", "Equations of the plant",
-        "1 ✓ PROVED", "2 ? UNDECIDED", "learning-control-workbench", "could not be drawn: ValueError",
+        "1 ✓ PROVED", "2 ? UNDECIDED", "learning-control-workbench", "(the figure broken) ValueError: nothing to draw",
     ):  # fmt: skip
         assert expected in page.text, expected
 
@@ -228,27 +228,97 @@ def test_unwritable_folder_is_bad_input(report: Any, tmp_path: Path) -> None:
         write(report, tmp_path / "file" / "below")
 
 
-def test_study_without_a_plant_and_without_figures(report: Any, tmp_path: Path) -> None:
-    @declared
-    class Bare(Study):
-        name: str = given(default="bare", doc="name")
-        number: float = quantity(default=1.0, unit="1", doc="a number")
-
-        title, source, seed = "", "", 0
-
-        def simulate(self, progress: Any) -> Any:
-            return report.campaign.data
-
-        def scores(self, data: Any) -> Any:
-            return {}
-
-        def figures(self, data: Any) -> Any:
-            return {}
-
-    campaign = dataclasses.replace(report.campaign, study=Bare())
+def test_study_without_figures_and_without_claims(report: Any, tmp_path: Path) -> None:
+    study = dataclasses.replace(report.campaign.study, name="bare", drawings=lambda study, data: {})
+    campaign = dataclasses.replace(report.campaign, study=study)
     bare = dataclasses.replace(report, campaign=campaign, verdicts=(), figures={}, tables=(), scores={})
     page = Page((write(bare, tmp_path) / "report.html").read_text())
-    assert "No claim was examined." in page.text and "Equations" not in page.text and not page.all("img")
+    assert "No claim was examined." in page.text and not page.all("img")
+
+
+@pytest.fixture(scope="session")
+def cases_folder(lag_report: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study with two further cases, one of which is heavier to reach than the other."""
+    study = dataclasses.replace(
+        lag_report.campaign.study,
+        name="lag",
+        cases={"quick": {"plant.gain_1": 0.75}, "again-longer": {"trials": 5, "controllers.icfdl.rho": 0.5}},
+        claims=(gain_of_the_case,),
+    )
+    draft = tmp_path_factory.mktemp("cases")
+    verify_cases(study, draft, show_progress=False)
+    return draft
+
+
+def gain_of_the_case(study: Any, data: Any) -> list[Claim]:
+    """Say what the gain is: SUPPORTED, with it as margin."""
+    return [
+        Claim(
+            name="lag.gain",
+            statement="the gain is there",
+            source="ours",
+            check=lambda: Finding(standing=Standing.SUPPORTED, method="read", margin=study.plant.gain_1, unit="m/N"),
+        )
+    ]
+
+
+def test_every_case_has_its_files_and_its_verdicts(cases_folder: Path) -> None:
+    every = {"run.nc", "provenance.json", "scores.json", "figures"}
+    whole = {"verdicts.json", "verdicts.xml", "report.html", "cases"}
+    assert {entry.name for entry in cases_folder.iterdir()} == every | whole
+    assert {entry.name for entry in (cases_folder / "cases").iterdir()} == {"quick", "again-longer"}
+    for case, trials, gain in (("", 4, 0.5), ("cases/quick", 4, 0.75), ("cases/again-longer", 5, 0.5)):
+        folder = cases_folder / case
+        assert every <= {entry.name for entry in folder.iterdir()}
+        settings = json.loads((folder / "scores.json").read_text())["settings"]
+        assert (settings["trials"], settings["plant"]["gain_1"]) == (trials, gain)
+        assert (folder / "figures" / "mse.svg").is_file()
+    verdicts = json.loads((cases_folder / "verdicts.json").read_text())
+    gains = {one["case"]: one["margin"] for one in verdicts if one["claim"] == "lag.gain"}
+    assert gains == {"default": 0.5, "quick": 0.75, "again-longer": 0.5}
+    classes = {case.get("classname") for case in ET.parse(cases_folder / "verdicts.xml").iter("testcase")}
+    assert classes == {"lag", "lag.quick", "lag.again-longer"}
+
+
+def test_the_page_has_a_section_a_case(cases_folder: Path) -> None:
+    page = Page((cases_folder / "report.html").read_text(encoding="utf-8"))
+    verdicts = json.loads((cases_folder / "verdicts.json").read_text())
+    assert not page.open
+    assert len([row for row in page.all("tr") if row.get("class")]) == len(verdicts)
+    ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    assert len(set(ids)) == len(ids)
+    assert {"case-quick-case", "case-again-longer-case", "verdict-1", f"verdict-{len(verdicts)}"} <= set(ids)
+    for link in page.all("a"):
+        assert str(link["href"]).removeprefix("#") in ids
+    spoken = [one["aria-label"] for _, one in page.elements if "aria-label" in one and one["aria-label"] != "Signals"]
+    assert len(set(spoken)) == len(spoken)
+    for expected in ("plant.gain_1 = 0.75", "trials = 5", "Its files are in cases/quick/", "As declared."):
+        assert expected in page.text, expected
+
+
+def test_one_case_alone_stands_at_the_top(lag_report: Any, tmp_path: Path) -> None:
+    study = dataclasses.replace(
+        lag_report.campaign.study,
+        name="lag",
+        cases={"quick": {"plant.gain_1": 0.75}},
+        claims=(gain_of_the_case,),
+    )
+    found = verify_cases(study, tmp_path, only="quick", show_progress=False)
+    assert {verdict.case for verdict in found.all_verdicts} == {"quick"} and not (tmp_path / "cases").exists()
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "Case quick : plant.gain_1 = 0.75" in page.text.replace("quick:", "quick :")
+    assert verdict_table(found)[0] == ("claim", "controller", "standing", "margin")
+    with pytest.raises(InvalidValue, match="there is no case 'slow' of lag; its cases are: default, quick"):
+        verify_cases(study, tmp_path, only="slow", show_progress=False)
+
+
+def test_the_terminal_names_the_case_where_there_are_several(report: Any) -> None:
+    other = dataclasses.replace(report, verdicts=[dataclasses.replace(report.verdicts[0], case="quick")])
+    several = dataclasses.replace(report, cases={"quick": other})
+    table = verdict_table(several)
+    assert table[0] == ("case", "claim", "controller", "standing", "margin")
+    assert table[1][:2] == ("default", "lag.A1") and table[-1][:2] == ("quick", "lag.A1")
+    assert tally(several).startswith("6 verdicts")
 
 
 def test_plant_that_cannot_be_typeset_keeps_its_verdicts(report: Any, tmp_path: Path) -> None:
@@ -323,9 +393,3 @@ def test_any_witness_is_kept(value: Any, kept: Any) -> None:
 def test_a_function_is_no_witness(value: Any) -> None:
     with pytest.raises(ValueError, match="a witness holds values, got the function"):
         Finding(standing=Standing.SUPPORTED, method="m", witness={"value": value})
-
-
-def test_study_of_another_kind_without_claims(report: Any) -> None:
-    campaign = dataclasses.replace(report.campaign, data=report.campaign.data.drop_vars("mse"))
-    with pytest.raises(InvalidValue, match="there are no claims about"):
-        verify(campaign, show_progress=False)

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from models.actuator import Delayed, Lagged, RateLimited, Saturated
-from models.discretise import Integrated, rk4
+from models.brake import Brake
 from models.maglev import Maglev
 from models.metro_line import MetroLine
-from models.plant import Plant, Values, signals
+from models.plant import Plant, signals
 from models.point_mass import PointMass
 from models.quantity import InvalidValue, declared, part, quantity
 from verification.report.expression import FUNCTIONS, Term
@@ -242,10 +242,11 @@ PLANTS: dict[str, Plant] = {
     "nested": Outer(),
     "looks at its numbers": Looking(),
     "behind actuators": Saturated(
-        plant=Lagged(plant=Delayed(plant=PointMass(), samples=2), time_constant=0.5), lower=-400.0, upper=1000.0
+        plant=Lagged(plant=Delayed(plant=PointMass(), dead_time=0.2), time_constant=0.5), lower=-400.0, upper=1000.0
     ),
     "integrated": Maglev(),
     "integrated twice": MetroLine(),
+    "integrated, with a line of commands": Brake(),
     "rate": RateLimited(plant=PointMass(line="flat"), rate=1e4),
 }
 
@@ -263,15 +264,22 @@ def point(plant: Plant, draw: np.random.Generator, spread: float) -> tuple[dict[
     return known, values
 
 
+def slope_and_jumps(plant: Plant, x: Any, u: Any, w: Any) -> Any:
+    """Return dx/dt, but for the states that are no more than shifted: of these what is shifted in."""
+    after = ca.DM(plant.slope(x, u, w, 0))
+    if isinstance(plant, Brake):
+        after[3:] = ca.vertcat(u, x[3:-1])
+    return after
+
+
 @pytest.mark.parametrize("name", PLANTS)
 def test_plant_read_back(name: str) -> None:
     plant, draw = PLANTS[name], np.random.default_rng(2)
     for spread in (1.0, 100.0, 1500.0, 5000.0):
         known, values = point(plant, draw, spread)
         after, seen = plant.step_function()(*values), plant.output_function()(values[0])
-        if isinstance(plant, Integrated):
-            named = (plant.states, plant.inputs, plant.disturbances)
-            after = plant.slope(*(Values(one, ca.DM(at)) for one, at in zip(named, values, strict=False)), 0)
+        if plant.continuous:
+            after = slope_and_jumps(plant, *map(ca.DM, values[:3]))
         trees, read = read_back(plant, known)
         np.testing.assert_allclose(trees, [*np.array(after).ravel(), *np.array(seen).ravel()], rtol=1e-9)
         np.testing.assert_allclose(read, trees, rtol=1e-6)
@@ -282,12 +290,14 @@ def test_slope_is_what_the_step_integrates(plant: Any, steps: int) -> None:
     draw = np.random.default_rng(4)
     for _ in range(5):
         x, u, w = (ca.DM(draw.uniform(0, 30, len(one))) for one in (plant.states, plant.inputs, plant.disturbances))
-        held = Values(plant.inputs, u), Values(plant.disturbances, w)
-        after = rk4(
-            lambda at, t, held=held: plant.slope(Values(plant.states, at), *held, t), x, 0, plant.sampling_time, steps
-        )
+        after, h = x, plant.sampling_time / steps
+        for _ in range(steps):
+            k1 = plant.slope(after, u, w, 0)
+            k2 = plant.slope(after + h / 2 * k1, u, w, 0)
+            k3 = plant.slope(after + h / 2 * k2, u, w, 0)
+            after += h / 6 * (k1 + 2 * k2 + 2 * k3 + plant.slope(after + h * k3, u, w, 0))
         np.testing.assert_allclose(after, plant.next_state(x, u, w, 0), rtol=1e-14)
-    assert {1: "one step", 2: "two steps"}[steps] in plant.integrator
+    assert {1: "one step", 2: "two steps"}[steps] in typeset(plant).integrator
     assert len(latex(plant).splitlines()) < 24 and "\\frac{d\\,\\mathrm{speed}}{dt}" in latex(plant)
 
 

@@ -17,7 +17,7 @@ from verification.checks.domain import domain
 from verification.decide.verify import judge, verify
 from verification.enclosure.box import Box
 from verification.theorems.learning import Dossier
-from workbench import TrialLength, TrialStudy, run
+from workbench import Study, TrialLength, run
 from workbench.contracts.examination import Examination
 from workbench.contracts.verdict import Claim, Finding, Standing
 from workbench.controllers import ICFDL, PD, Increment
@@ -76,7 +76,7 @@ def box(u: tuple[float, float] = (-2.0, 2.0), x: tuple[float, float] = (-1.0, 1.
 def campaign(plant, law=None, *, trials=12, lengths=None, reference=RAMP, **changes):
     law = law or ICFDL(force_unit=1.0, lam=1.0, initial_input=0.3, phi0=0.5, mu=1.0)
     return run(
-        TrialStudy(
+        Study(
             name="small",
             plant=plant,
             reference=reference,
@@ -177,7 +177,7 @@ def test_assumptions_along_trials(name, plant, a2, lifted, a4, lemma):
 
 def _replay_unbounded_ratio(ran, witness):
     """Run both input sequences of the witness with plain numbers and compare the ratios."""
-    plant, trial = ran.study.plant, witness["trial"]
+    plant, trial = ran.study.plant_that_runs, witness["trial"]
     plan = ran.data["input"].sel(controller="law", trial=trial).values[:-1]
     f, g = plant.step_function(), plant.output_function()
 
@@ -212,7 +212,7 @@ def _row_sums_by_unit_inputs(plant, found, repaired):
 
 def test_no_input_is_refused_with_a_reason():
     assert NO_INPUT.relative_degree() is None
-    with pytest.raises(InvalidValue, match="no output of noinput depends on its first input"):
+    with pytest.raises(InvalidValue, match="the input 'u' of NoInput reaches no output within 200 samples"):
         gather(NO_INPUT)
 
 
@@ -266,23 +266,29 @@ def test_decomposition_adds_up():
     np.testing.assert_allclose(memoryless.ratio[usable], 2.0, rtol=1e-6)
 
 
-def lengths_of(study, drawn):
+def lengths_of(law, drawn, ends=False):
+    study = SimpleNamespace(
+        horizon=30, scenario=SimpleNamespace(trial_length=law), plant_that_runs=SimpleNamespace(ends=ends)
+    )
     return assumptions.trial_lengths(study, drawn)
 
 
 def test_trial_lengths():
     law = TrialLength(law="uniform", minimum=20)
-    study = SimpleNamespace(horizon=30, trial_length=law)
     drawn = law.draw(30, 400, np.random.default_rng(1))
-    holds(lengths_of(study, drawn), SUPPORTED)
-    holds(lengths_of(study, np.append(drawn, 20)), REFUTED)  # 20 has probability 0
-    holds(lengths_of(study, np.full(400, 25)), REFUTED)  # a sampler that is not uniform
+    holds(lengths_of(law, drawn), SUPPORTED)
+    holds(lengths_of(law, np.append(drawn, 20)), REFUTED)  # 20 has probability 0
+    holds(lengths_of(law, np.full(400, 25)), REFUTED)  # a sampler that is not uniform
+    holds(lengths_of(law, drawn, ends=True), UNDECIDED)  # the plant ends its trials
+    holds(lengths_of(TrialLength(law="given", lengths=tuple(drawn.tolist())), drawn), UNDECIDED)
     wrong = SimpleNamespace(
-        distribution=law.distribution, reach_probability=lambda n: np.roll(law.reach_probability(n), 1)
+        lengths=(),
+        distribution=law.distribution,
+        reach_probability=lambda n: np.roll(law.reach_probability(n), 1),
     )
-    holds(lengths_of(SimpleNamespace(horizon=30, trial_length=wrong), drawn), REFUTED)
-    loose = SimpleNamespace(distribution=lambda n: (np.array([29, 30]), np.array([0.5, 0.4])))
-    holds(lengths_of(SimpleNamespace(horizon=30, trial_length=loose), drawn), REFUTED)
+    holds(lengths_of(wrong, drawn), REFUTED)
+    loose = SimpleNamespace(lengths=(), distribution=lambda n: (np.array([29, 30]), np.array([0.5, 0.4])))
+    holds(lengths_of(loose, drawn), REFUTED)
 
 
 GAINS = [

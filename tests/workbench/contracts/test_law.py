@@ -11,6 +11,7 @@ from models.quantity import InvalidValue, declared
 from studies.metro.study import STUDY
 from workbench import Law
 from workbench.contracts.law import LearnedSignal
+from workbench.contracts.study import Study
 from workbench.controllers import ICFDL, PD, Increment
 from workbench.controllers.odometry import Odometry
 from workbench.controllers.palc import PALC
@@ -34,7 +35,9 @@ def test_everything_optional_is_neutral():
     law = Idle()
     assert law.learns_on is None and law.tells == () and law.estimator is None and not law.keeps_state
     assert law.ready("memory") == () and law.place("memory", "x0") == "x0" and law.learn("memory", None) == "memory"
-    assert law.ppd_estimate("memory") is None and law.tell("memory", None) == () and law.refusal(STUDY) is None
+    assert (
+        law.ppd_estimate("memory") is None and law.tell("memory", None) == () and law.refusal(STUDY.task(law)) is None
+    )
     assert law.solves_per_sample == 0
 
 
@@ -87,14 +90,15 @@ def test_a_law_that_tells_names_its_signals():
 
 
 def test_a_law_without_act_is_none():
+    @declared
     class Half(Law):
         source = "ours, 2026"
 
         def start(self, task):
             return ()
 
-    with pytest.raises(TypeError, match="act"):
-        Half()
+    with pytest.raises(InvalidValue, match="Half must give act, as expressions, or decide, in numbers"):
+        Study(plant=STUDY.plant, reference=STUDY.reference, controllers={"half": Half()})
 
 
 @pytest.mark.parametrize("law", [3, ICFDL, object(), None])

@@ -17,18 +17,18 @@ from models.point_mass import PointMass
 from models.quantity import InvalidValue, declared
 from studies.metro.study import STUDY
 from workbench.contracts.law import Law, LearnedSignal, Task, Trial
+from workbench.contracts.study import Study
+from workbench.contracts.trial_length import TrialLength
 from workbench.controllers import CFDL, ICFDL, PD, Increment
 from workbench.controllers.parts.rows import constant_row
 from workbench.fold.fold import build
 from workbench.trials.campaign import run
-from workbench.trials.length import TrialLength
-from workbench.trials.study import TrialStudy
 
 RHO, LAM = 0.245, 5e-5
 
 
 def metro(controllers, trials=60, lengths="uniform", seed=0, **plant):
-    return TrialStudy(
+    return Study(
         plant=PointMass(**plant),
         reference=MetroProfile(),
         controllers=controllers,
@@ -53,7 +53,7 @@ def test_icfdl_equals_cfdl_at_fixed_lengths(line, unit):
 
 
 def test_cfdl_refuses_varying_lengths():
-    with pytest.raises(InvalidValue, match=r"cfdl needs fixed trial lengths, got uniform: .* use icfdl"):
+    with pytest.raises(InvalidValue, match=r"cfdl needs fixed trial lengths, and these vary: .* use icfdl"):
         campaign({"cfdl": CFDL()}, trials=2)
     data = campaign({"cfdl": CFDL(), "pd": PD()}, trials=2)
     assert str(data["stopped"].sel(controller="cfdl").item()).startswith("refused: cfdl needs fixed trial lengths")

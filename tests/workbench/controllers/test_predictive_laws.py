@@ -11,13 +11,14 @@ from models.quantity import InvalidValue
 from workbench.controllers.compensated_mpc import CompensatedMPC
 from workbench.controllers.rmpc import RMPC
 from workbench.controllers.rsmpc import RSMPC
-from workbench.controllers.speed_pid import SpeedPID
+from workbench.controllers.speed_pid import Integral, SpeedPID
 from workbench.predictive.condensed import CondensedQP, Plan
 from workbench.predictive.decision import start
 from workbench.predictive.disturbance_model import DisturbanceModel
 from workbench.predictive.quadratic_program import Infeasible, WarmQP, kkt_residual
 
 AGREEMENT = 1e-6
+START = Integral(total=0.0, before=None)
 
 
 def exact_solver():
@@ -164,11 +165,11 @@ def test_an_m_with_an_empty_set_is_never_offered():
 @pytest.mark.parametrize("make", [lambda t: RMPC(tube=t, N=4), lambda t: RSMPC(tube=t, N=5)], ids=["rmpc", "rsmpc"])
 def test_closed_loops_stay_feasible_and_within_bounds(tube, make):
     law, plant = make(tube), tube.plant
-    problem = law.problem if isinstance(law, RMPC) else law.problem(1)
+    problem = law.deciding
     for run, (e, _) in enumerate(list(starts(problem, 9, seed=5))[2::4]):
         random, memory = np.random.default_rng(run), start()
         for _ in range(40):
-            decision, memory = law.act(memory, e)
+            decision, memory = law.move(memory, e)
             assert decision.infeasible == ""
             e = plant.A @ e + plant.b * decision.du + plant.W_z.extreme(random.normal(size=plant.order))
             assert tube.X_z.contains(e, tolerance=1e-7)
@@ -176,10 +177,10 @@ def test_closed_loops_stay_feasible_and_within_bounds(tube, make):
 
 def test_rsmpc_holds_for_as_long_as_it_said(brake_a):
     law, memory, e = RSMPC(tube=brake_a, N=8), start(), np.array([0.0, 0.05, 0.3, 1.0])
-    decision, memory = law.act(memory, e)
+    decision, memory = law.move(memory, e)
     assert decision.M > 1 and decision.qps > 0
     for left in range(decision.M - 1, 0, -1):
-        held, memory = law.act(memory, np.full(4, np.nan))  # not looked at while holding
+        held, memory = law.move(memory, np.full(4, np.nan))  # not looked at while holding
         assert (held.du, held.qps, held.M) == (0.0, 0, left)
     assert memory.wait == 0
 
@@ -187,21 +188,21 @@ def test_rsmpc_holds_for_as_long_as_it_said(brake_a):
 @pytest.mark.parametrize("law", [RMPC, RSMPC])
 def test_without_a_plan_the_last_one_is_followed_and_told(brake_a, law):
     controller = law(tube=brake_a, N=3)
-    _, memory = controller.act(start(), np.array([0.0, 0.05, 0.3, 1.0]))
+    _, memory = controller.move(start(), np.array([0.0, 0.05, 0.3, 1.0]))
     while memory.wait:
-        _, memory = controller.act(memory, np.zeros(4))
+        _, memory = controller.move(memory, np.zeros(4))
     expected = memory.plan.du[0]
-    lost, memory = controller.act(memory, np.array([0.0, 0.0, 5.0, 0.0]))
+    lost, memory = controller.move(memory, np.array([0.0, 0.0, 5.0, 0.0]))
     assert "'v <= 2 at i = 0' misses by" in lost.infeasible and lost.du == expected and lost.qps == 1
     for _ in range(60):  # past its end the plan goes on by feedback, toward the reference
-        lost, memory = controller.act(memory, np.array([0.0, 0.0, 5.0, 0.0]))
+        lost, memory = controller.move(memory, np.array([0.0, 0.0, 5.0, 0.0]))
     assert abs(lost.du) < 0.01
 
 
 @pytest.mark.parametrize("law", [RMPC, RSMPC])
 def test_without_any_plan_the_feedback_acts_and_it_is_told(brake_a, law):
     e = np.array([0.0, 0.0, 5.0, 0.0])
-    decision, memory = law(tube=brake_a, N=3).act(start(), e)
+    decision, memory = law(tube=brake_a, N=3).move(start(), e)
     assert decision.du == brake_a.K @ e and memory == start()
     assert decision.infeasible.endswith("no input can change it; no earlier plan, feedback acts")
     assert "'v <= 2 at i = 0' misses by 3" in decision.infeasible
@@ -221,7 +222,7 @@ def test_compensation_reaches_the_reference_under_a_constant_disturbance(brake_a
         law, memory, plant = CompensatedMPC(tube=brake_a, model=model, N=8), start(), brake_a.plant
         x, pending, d, seen = np.zeros(4), np.zeros(plant.delay), 0.0, -0.05
         for _ in range(250):
-            decision, memory = law.act(memory, plant.predict(x, pending), d if compensated else 0.0)
+            decision, memory = law.move(memory, plant.predict(x, pending), d if compensated else 0.0)
             after = plant.A @ x + plant.b * pending[0] + E * seen
             d = model.estimate(x, pending[0], after)
             x, pending = after, np.r_[pending[1:], decision.du]
@@ -253,11 +254,11 @@ def test_the_solver_is_checked_by_the_residual_and_confirmed_by_a_linear_program
 
 def test_pid_by_hand_with_its_integral_held_at_the_limit():
     pid = SpeedPID(kp=1.0, ki=0.5, kd=0.2, sample_time=0.1, low=0.0, high=1.0, feed=0.4)
-    u, memory = pid.act(pid.start(), 0.2)
+    u, memory = pid.move(START, 0.2)
     assert np.isclose(u, 0.4 + 0.2 + 0.5 * 0.02)
-    u, memory = pid.act(memory, 0.1)
+    u, memory = pid.move(memory, 0.1)
     assert np.isclose(u, 0.4 + 0.1 + 0.5 * 0.03 - 0.2)
-    limited, after = pid.act(memory, 5.0)
+    limited, after = pid.move(memory, 5.0)
     assert limited == 1.0 and after.total == memory.total
 
 
@@ -268,13 +269,13 @@ FAILURES = {
     r"beta must be a finite number in \[1, ∞\), got nan": lambda t: RSMPC(tube=t, N=3, beta=float("nan")),
     r"M must be one of \(1, 2\), got 3": lambda t: RSMPC(tube=t, N=3).plan(np.zeros(4), 3),
     r"M must be one of \(1, 2\), got 0": lambda t: RSMPC(tube=t, N=3).plan(np.zeros(4), 0),
-    "the state must be finite, got v = nan": lambda t: RMPC(tube=t, N=3).act(start(), [0, 0, np.nan, 0]),
-    "the state must be finite, got s = inf": lambda t: RSMPC(tube=t, N=3).act(start(), [0, 0, 0, np.inf]),
+    "the state must be finite, got v = nan": lambda t: RMPC(tube=t, N=3).move(start(), [0, 0, np.nan, 0]),
+    "the state must be finite, got s = inf": lambda t: RSMPC(tube=t, N=3).move(start(), [0, 0, 0, np.inf]),
     "d must be finite, got nan": lambda t: CompensatedMPC(
         tube=t, model=DisturbanceModel(plant=t.plant, E=brake_matrices().E, Q=t.Q), N=3
-    ).act(start(), np.zeros(4), np.nan),
-    "the error must be finite, got nan": lambda t: SpeedPID(kp=1, ki=0, kd=0, sample_time=0.1, low=0, high=1).act(
-        SpeedPID(kp=1, ki=0, kd=0, sample_time=0.1, low=0, high=1).start(), np.nan
+    ).move(start(), np.zeros(4), np.nan),
+    "the error must be finite, got nan": lambda t: SpeedPID(kp=1, ki=0, kd=0, sample_time=0.1, low=0, high=1).move(
+        START, np.nan
     ),
     "low must be below high": lambda t: SpeedPID(kp=1, ki=0, kd=0, sample_time=0.1, low=1, high=1),
     r"sample_time must lie in \(0, ∞\) s, got 0": lambda t: SpeedPID(kp=1, ki=0, kd=0, sample_time=0, low=0, high=1),

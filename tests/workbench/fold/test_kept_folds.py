@@ -183,8 +183,8 @@ def test_what_changed_behind_the_declarations_is_seen(change, monkeypatch):
         (Cart(heights=(1.0, 2.0 + 2**-51)), Adding(), N),
         (Cart(pull=closed(0.3)), Adding(), N),
         (Faster(), Adding(), N),
-        (Delayed(plant=Cart(), samples=1), Adding(), N),
-        (Delayed(plant=Faster(), samples=1), Adding(), N),
+        (Delayed(plant=Cart(), dead_time=0.1), Adding(), N),
+        (Delayed(plant=Faster(), dead_time=0.1), Adding(), N),
         (Cart(), Feedback(), N),
         (Cart(), Adding(), N + 1),
         (Cart(sampling_time=ca.DM(0.1)), Adding(), N),
@@ -237,8 +237,10 @@ def test_zeros_of_both_signs_are_told_apart():
 NAMED = """
 from studies.metro.study import STUDY
 from workbench.fold import machine_code as m
+from workbench.trials.simulation import Runner
 for name in ("icfdl", "pd", "increment"):
-    print(m._digest(m._determined(STUDY.fold(name).trial), STUDY.fold(name).trial.name()))
+    trial = Runner(STUDY, name).fold.trial
+    print(m._digest(m._determined(trial), trial.name()))
 """
 
 

@@ -120,8 +120,8 @@ def test_closed_loops(kind, name, units):
     e0 = next(itertools.islice(starts(problem, 4, seed=7), 1, 2))
     random, e, other_e, memory, other_memory = np.random.default_rng(1), e0, e0 * u.c, start(), start()
     for _ in range(30):
-        decision, memory = law.act(memory, e)
-        told, other_memory = same.act(other_memory, other_e)
+        decision, memory = law.move(memory, e)
+        told, other_memory = same.move(other_memory, other_e)
         assert (told.M, told.qps, told.infeasible) == (decision.M, decision.qps, "")
         assert told.du / u.push == pytest.approx(decision.du, abs=1e-6)
         w = tube.W_z.extreme(random.normal(size=len(e)))
@@ -141,8 +141,8 @@ def test_compensation(units):
     x, d, memory = np.zeros(4), 0.0, [start(), start()]
     pending = np.zeros(tube.plant.delay)
     for _ in range(40):
-        first, memory[0] = laws[0].act(memory[0], tube.plant.predict(x, pending), d)
-        second, memory[1] = laws[1].act(memory[1], other.plant.predict(x * u.c, pending * u.push), d)
+        first, memory[0] = laws[0].move(memory[0], tube.plant.predict(x, pending), d)
+        second, memory[1] = laws[1].move(memory[1], other.plant.predict(x * u.c, pending * u.push), d)
         assert second.du / u.push == pytest.approx(first.du, abs=1e-7)
         after = tube.plant.A @ x + tube.plant.b * pending[0] - 0.05 * E
         d = model.estimate(x, pending[0], after)

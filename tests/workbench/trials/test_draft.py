@@ -24,7 +24,7 @@ import numpy as np
 from models.plant import Plant, signals
 from models.quantity import declared, quantity
 from workbench.controllers import PD
-from workbench.trials.study import TrialStudy
+from workbench.contracts.study import Study
 from pathlib import Path
 
 @declared
@@ -49,7 +49,7 @@ def figures(study, data):
         return figure
     return {"mse": draw}
 
-study = TrialStudy(name="own", plant=Cart(), reference=np.sin(np.linspace(0, 3, 2001)),
+study = Study(name="own", plant=Cart(), reference=np.sin(np.linspace(0, 3, 2001)),
                    controllers={"pd": PD(kp=0.5, kd=0.0)}, trials=9, drawings=figures)
 """
 SLOW = OWN.replace("sleep(0.0)", "sleep(60)")
@@ -282,7 +282,7 @@ def test_a_failing_figure_keeps_the_run(tmp_path: Path) -> None:
 
 
 def test_two_processes_never_mix(tmp_path: Path) -> None:
-    (tmp_path / "own.py").write_text(OWN.replace("study = TrialStudy(", "study = TrialStudy(seed=0, "))
+    (tmp_path / "own.py").write_text(OWN.replace("study = Study(", "study = Study(seed=0, "))
     running = [started("run", "own.py", "--seed", str(i), "--out", "out", cwd=tmp_path) for i in range(4)]
     said = [one.communicate(timeout=120)[1] for one in running]
     assert [one.returncode for one in running] == [0] * 4 and said == [""] * 4

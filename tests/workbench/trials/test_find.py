@@ -16,7 +16,7 @@ from {module} import GAIN
 from models.plant import Plant, signals
 from models.quantity import declared, quantity
 from workbench.controllers import PD
-from workbench.trials.study import TrialStudy
+from workbench.contracts.study import Study
 
 @declared
 class Cart(Plant):
@@ -30,7 +30,7 @@ class Cart(Plant):
     def output(self, x):
         return (x.speed,)
 
-study = TrialStudy(name="own", plant=Cart(), reference=np.arange(5.0), controllers={{"pd": PD()}}, trials=2)
+study = Study(name="own", plant=Cart(), reference=np.arange(5.0), controllers={{"pd": PD()}}, trials=2)
 """
 
 

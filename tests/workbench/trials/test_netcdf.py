@@ -11,12 +11,12 @@ import xarray as xr
 
 from models.plant import Plant, signals
 from models.quantity import InvalidValue, declared, quantity
+from workbench.contracts import settings
+from workbench.contracts.study import Study
 from workbench.controllers import PD
-from workbench.trials import settings
 from workbench.trials.campaign import Campaign, load, run
 from workbench.trials.find import find
 from workbench.trials.netcdf import packed, unpacked
-from workbench.trials.study import TrialStudy
 
 UNITS = ["days", "day", "h", "s", "s since 2000-01-01", "hours since 2000-01-01", "days since x", "", "°", "1"]
 SMALL = {
@@ -79,7 +79,7 @@ def test_any_unit_is_only_a_word(unit: str, tmp_path: Path) -> None:
         states = outputs = signals(late=unit)
         inputs = signals(push=unit)
 
-    study = TrialStudy(plant=Own(), reference=np.ones(11), controllers={"pd": PD()}, trials=2)
+    study = Study(plant=Own(), reference=np.ones(11), controllers={"pd": PD()}, trials=2)
     done = run(study, show_progress=False)
     done.record(tmp_path)
     again = load(tmp_path, study)

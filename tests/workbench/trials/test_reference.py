@@ -9,9 +9,9 @@ import pytest
 
 from models.point_mass import PointMass
 from models.reference import Reference
+from workbench.contracts.study import Study
 from workbench.controllers import ICFDL, PD
 from workbench.trials.campaign import run
-from workbench.trials.study import TrialStudy
 
 ROW = 70 * np.sin(np.linspace(0, np.pi, 41))
 
@@ -28,7 +28,7 @@ class Counted(Reference):
 
 
 def study(reference):
-    return TrialStudy(plant=PointMass(), reference=reference, controllers={"icfdl": ICFDL(), "pd": PD()}, trials=7)
+    return Study(plant=PointMass(), reference=reference, controllers={"icfdl": ICFDL(), "pd": PD()}, trials=7)
 
 
 def test_a_run_computes_the_reference_once():

@@ -9,10 +9,10 @@ import pytest
 
 from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
+from workbench.contracts.study import Study
+from workbench.contracts.trial_length import TrialLength
 from workbench.controllers import CFDL, ICFDL, PD
 from workbench.trials.campaign import run
-from workbench.trials.length import TrialLength
-from workbench.trials.study import TrialStudy
 
 M, TS, G, LENGTH = 350_000.0, 0.1, 9.81, 140.0
 GRADES = {"flat": [], "hilly": [(600, 6), (1100, -4), (1700, 3), (2300, -8), (3000, 0)]}
@@ -91,7 +91,7 @@ CASES = [
 @pytest.mark.parametrize(("name", "law", "oracle", "unit", "reading", "line", "lengths"), CASES)
 def test_recorded_trials_replay(name, law, oracle, unit, reading, line, lengths):
     trials = 40
-    study = TrialStudy(
+    study = Study(
         plant=PointMass(reading=reading, line=line),
         reference=MetroProfile(),
         controllers={name: law},

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from functools import reduce
-from typing import Any
 
 import casadi as ca
+
+from models.expression import Expression, Number
+
+Row = list[Number]
 
 HALVINGS = 3
 """How often a step that leaves the box is halved in search of a lower cost."""
 
 
-def minimum(H: Any, g: Any, low: Any, high: Any, start: Any, rounds: int) -> tuple[Any, Any]:
+def minimum(
+    H: Expression, g: Expression, low: Number, high: Number, start: Expression, rounds: int
+) -> tuple[Expression, Expression]:
     """Return the u in [low, high] that minimises u'Hu/2 + g'u, and the largest step that a further sweep begins with.
 
     H is positive definite, (n, n); g and ``start`` (n,) or (n, 1); low < high are the same for all and may be infinite.
@@ -22,8 +27,9 @@ def minimum(H: Any, g: Any, low: Any, high: Any, start: Any, rounds: int) -> tup
     Source: Bertsekas, Projected Newton methods, SIAM J. Control Optim. 20(2), 1982; the rounds: ours.
     """
     n = H.shape[0]
-    rows = [[H[i, j] for j in range(n)] for i in range(n)]
-    slopes, at = [g[i] for i in range(n)], [_cut(start[i], low, high) for i in range(n)]
+    rows: list[Row] = [[H[i, j] for j in range(n)] for i in range(n)]
+    slopes: Row = [g[i] for i in range(n)]
+    at: Row = [_cut(start[i], low, high) for i in range(n)]
     for _ in range(rounds):
         for i in range(n):
             at[i] = _cut(at[i] - (slopes[i] + _dot(rows[i], at)) / rows[i][i], low, high)
@@ -36,20 +42,21 @@ def minimum(H: Any, g: Any, low: Any, high: Any, start: Any, rounds: int) -> tup
     return ca.vertcat(*at), reduce(ca.fmax, [ca.fabs(step) for step in steps])
 
 
-def _stepped(H: Any, g: Any, low: Any, high: Any, at: list[Any], *, pushed: bool) -> list[Any]:
+def _stepped(H: list[Row], g: Row, low: Number, high: Number, at: Row, *, pushed: bool) -> Row:
     """Return the point after Newton's step of the free variables, where it lowers the cost; ``pushed``: see above."""
     q = _slope(H, g, at)
     below, above = [u <= low for u in at], [u >= high for u in at]
     if pushed:
         below = [ca.logic_and(held, slope > 0) for held, slope in zip(below, q, strict=True)]
         above = [ca.logic_and(held, slope < 0) for held, slope in zip(above, q, strict=True)]
-    free = [1 - ca.logic_or(one, other) for one, other in zip(below, above, strict=True)]
+    free: Row = [1 - ca.logic_or(one, other) for one, other in zip(below, above, strict=True)]
     p = _newton(H, q, free)
-    shares: list[Any] = [1]
+    shares: Row = [1]
     if pushed:
         room = [_room(u, step, low, high) for u, step in zip(at, p, strict=True)]
         shares += [reduce(ca.fmin, [1, *room]), *(0.5**halving for halving in range(1, HALVINGS + 1))]
-    best, lowest = at, 0
+    best: Row = at
+    lowest: Number = 0
     for share in shares:
         there = [_cut(u + share * step, low, high) for u, step in zip(at, p, strict=True)]
         moved = [new - old for new, old in zip(there, at, strict=True)]
@@ -60,12 +67,12 @@ def _stepped(H: Any, g: Any, low: Any, high: Any, at: list[Any], *, pushed: bool
     return best
 
 
-def _newton(H: Any, q: list[Any], free: list[Any]) -> list[Any]:
+def _newton(H: list[Row], q: Row, free: Row) -> Row:
     """Return p with H_ff p_f = -q_f for the free variables (1) and 0 for the held ones (0), by LDL' of the masked H."""
     n = len(q)
-    L: list[list[Any]] = [[0] * n for _ in range(n)]
-    D: list[Any] = []
-    p: list[Any] = []
+    L: list[Row] = [[0] * n for _ in range(n)]
+    D: Row = []
+    p: Row = []
     for i in range(n):
         for j in range(i):
             value = free[i] * free[j] * H[i][j] - sum(L[i][k] * D[k] * L[j][k] for k in range(j))
@@ -78,19 +85,19 @@ def _newton(H: Any, q: list[Any], free: list[Any]) -> list[Any]:
     return p
 
 
-def _room(u: Any, step: Any, low: Any, high: Any) -> Any:
+def _room(u: Number, step: Number, low: Number, high: Number) -> Number:
     """Return the share of a step at which it meets a limit; 1 where it moves nothing."""
     there = ca.if_else(step > 0, high, low)
     return ca.if_else(step == 0, 1, (there - u) / step)
 
 
-def _slope(H: Any, g: Any, at: list[Any]) -> list[Any]:
+def _slope(H: list[Row], g: Row, at: Row) -> Row:
     return [first + _dot(row, at) for first, row in zip(g, H, strict=True)]
 
 
-def _dot(one: Any, other: Any) -> Any:
+def _dot(one: Row, other: Row) -> Number:
     return sum(a * b for a, b in zip(one, other, strict=True))
 
 
-def _cut(value: Any, low: Any, high: Any) -> Any:
+def _cut(value: Number, low: Number, high: Number) -> Number:
     return ca.fmax(ca.fmin(value, high), low)

@@ -11,27 +11,31 @@ import math
 from collections.abc import Callable, Mapping
 from functools import reduce
 from itertools import pairwise, product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 
+from models.expression import Expression, Number
 from models.quantity import InvalidValue, count, declared, given
+from workbench.controllers.parts.rows import column
+
+Corners = tuple[float, ...]
 
 
 class Membership(NamedTuple):
     """A shape on the axis of a signal: ``degree(z)`` in [0, 1] for a number or a CasADi value z."""
 
     shape: str
-    corners: tuple[float, ...]
+    corners: Corners
 
-    def degree(self, z: Any) -> Any:
+    def degree(self, z: Number) -> Number:
         """Return how far z belongs to the set."""
-        return SHAPES[self.shape].degree(z, *self.corners)
+        return SHAPES[self.shape].degree(z, self.corners)
 
     @property
     def support(self) -> Support:
         """Where the degree is positive, in double precision."""
-        return SHAPES[self.shape].support(*self.corners)
+        return SHAPES[self.shape].support(self.corners)
 
 
 class Support(NamedTuple):
@@ -50,8 +54,8 @@ class Support(NamedTuple):
 class Shape(NamedTuple):
     """How a degree, and the interval where it is positive, come from corners."""
 
-    degree: Callable[..., Any]
-    support: Callable[..., Support]
+    degree: Callable[[Number, Corners], Number]
+    support: Callable[[Corners], Support]
 
 
 def s_shaped(low: float, high: float) -> Membership:
@@ -115,54 +119,60 @@ def _ordered(what: str, *corners: float) -> tuple[float, ...]:
     return corners
 
 
-def _s(z: Any, low: float, high: float) -> Any:
+def _s(z: Number, corners: Corners) -> Number:
+    low, high = corners
     width = high - low
     rising, falling = 2 * ((z - low) / width) ** 2, 1 - 2 * ((z - high) / width) ** 2
     inside = ca.if_else(z <= (low + high) / 2, rising, falling)
     return ca.if_else(z <= low, 0, ca.if_else(z >= high, 1, inside))
 
 
-def _z(z: Any, low: float, high: float) -> Any:
-    return 1 - _s(z, low, high)
+def _z(z: Number, corners: Corners) -> Number:
+    return 1 - _s(z, corners)
 
 
-def _triangle(z: Any, left: float, top: float, right: float) -> Any:
+def _triangle(z: Number, corners: Corners) -> Number:
+    left, top, right = corners
     return ca.fmax(0, ca.fmin(_rise(z, left, top), _fall(z, top, right)))
 
 
-def _trapezoid(z: Any, left: float, first: float, last: float, right: float) -> Any:
+def _trapezoid(z: Number, corners: Corners) -> Number:
+    left, first, last, right = corners
     return ca.fmax(0, ca.fmin(1, ca.fmin(_rise(z, left, first), _fall(z, last, right))))
 
 
-def _rise(z: Any, left: float, top: float) -> Any:
+def _rise(z: Number, left: float, top: float) -> Number:
     return (z - left) / (top - left) if left < top else ca.if_else(z >= top, 1, 0)
 
 
-def _fall(z: Any, top: float, right: float) -> Any:
+def _fall(z: Number, top: float, right: float) -> Number:
     return (right - z) / (right - top) if top < right else ca.if_else(z <= top, 1, 0)
 
 
-def _left_shoulder(z: Any, top: float, right: float) -> Any:
+def _left_shoulder(z: Number, corners: Corners) -> Number:
+    top, right = corners
     return ca.fmax(0, ca.fmin(1, _fall(z, top, right)))
 
 
-def _right_shoulder(z: Any, left: float, top: float) -> Any:
+def _right_shoulder(z: Number, corners: Corners) -> Number:
+    left, top = corners
     return ca.fmax(0, ca.fmin(1, _rise(z, left, top)))
 
 
-def _gaussian(z: Any, center: float, width: float) -> Any:
+def _gaussian(z: Number, corners: Corners) -> Number:
+    center, width = corners
     return ca.exp(-(((z - center) / width) ** 2) / 2)
 
 
 SHAPES: Mapping[str, Shape] = {
     # squares of what is smaller than these shares of the width are lost beside 1, or are 0 themselves
-    "s": Shape(_s, lambda low, high: Support(low + 1e-150 * (high - low), math.inf)),
-    "z": Shape(_z, lambda low, high: Support(-math.inf, high - 1e-8 * (high - low))),
-    "triangle": Shape(_triangle, lambda left, top, right: Support(left, right, left == top, top == right)),
-    "trapezoid": Shape(_trapezoid, lambda left, first, last, right: Support(left, right, left == first, last == right)),
-    "left_shoulder": Shape(_left_shoulder, lambda top, right: Support(-math.inf, right)),
-    "right_shoulder": Shape(_right_shoulder, lambda left, top: Support(left, math.inf)),
-    "gaussian": Shape(_gaussian, lambda center, width: Support(center - 38 * width, center + 38 * width)),
+    "s": Shape(_s, lambda at: Support(at[0] + 1e-150 * (at[1] - at[0]), math.inf)),
+    "z": Shape(_z, lambda at: Support(-math.inf, at[1] - 1e-8 * (at[1] - at[0]))),
+    "triangle": Shape(_triangle, lambda at: Support(at[0], at[2], at[0] == at[1], at[1] == at[2])),
+    "trapezoid": Shape(_trapezoid, lambda at: Support(at[0], at[3], at[0] == at[1], at[2] == at[3])),
+    "left_shoulder": Shape(_left_shoulder, lambda at: Support(-math.inf, at[1])),
+    "right_shoulder": Shape(_right_shoulder, lambda at: Support(at[0], math.inf)),
+    "gaussian": Shape(_gaussian, lambda at: Support(at[0] - 38 * at[1], at[0] + 38 * at[1])),
 }
 
 
@@ -253,7 +263,7 @@ class Rules:
         last = self.points - 1
         return tuple(self.low + (self.high - self.low) * index / last for index in range(self.points))
 
-    def strengths(self, values: Mapping[str, Any]) -> dict[str, Any]:
+    def strengths(self, values: Mapping[str, Number]) -> dict[str, Number]:
         """Return how far each output term is called for: max over its rules of the min over the inputs."""
         if values.keys() != self.inputs.keys():
             raise InvalidValue(f"the inputs are {', '.join(self.inputs)}, got {', '.join(values) or 'none'}")
@@ -262,18 +272,18 @@ class Rules:
             for name, terms in self.inputs.items()
             for term, membership in terms.items()
         }
-        fired: dict[str, Any] = {}
+        fired: dict[str, Number] = {}
         for rule in self.rules:
             strength = reduce(ca.fmin, [degrees[pair] for pair in rule.when.items()])
             fired[rule.then] = ca.fmax(fired[rule.then], strength) if rule.then in fired else strength
         return fired
 
-    def aggregated(self, values: Mapping[str, Any]) -> list[Any]:
+    def aggregated(self, values: Mapping[str, Number]) -> list[Number]:
         """Return the degree of the inferred set at every point of the axis: implication by min, union by max."""
         fired = self.strengths(values)
         degrees = []
         for z in self.axis:
-            level: Any = 0.0
+            level: Number = 0.0
             for term, strength in fired.items():
                 height = float(self.output[term].degree(z))
                 if height > 0:
@@ -281,7 +291,7 @@ class Rules:
             degrees.append(level)
         return degrees
 
-    def mean_of_maxima(self, **values: Any) -> Any:
+    def mean_of_maxima(self, **values: Number) -> Expression:
         """Return the mean of the points with the largest degree, given every input by name; ``default`` if none fires.
 
         The largest degree is the max over terms of min(strength, the term's height); a point has it where a term
@@ -291,19 +301,20 @@ class Rules:
         heights = {term: [float(self.output[term].degree(z)) for z in self.axis] for term in fired}
         top = reduce(ca.fmax, [ca.fmin(strength, max(heights[term])) for term, strength in fired.items()])
         needed = {term: ca.if_else(strength >= top, top, math.inf) for term, strength in fired.items()}
-        total, weighted = 0.0, 0.0
+        total: Number = 0.0
+        weighted: Number = 0.0
         for index, z in enumerate(self.axis):
             reaching = [heights[term][index] >= needed[term] for term in fired if heights[term][index] > 0]
             one = reduce(ca.logic_or, reaching) if reaching else 0.0
             total, weighted = total + one, weighted + z * one
         mean = weighted / total
-        return mean if self.default is None else ca.if_else(top > 0, mean, self.default)
+        return column(mean if self.default is None else ca.if_else(top > 0, mean, self.default))
 
-    def centroid(self, **values: Any) -> Any:
+    def centroid(self, **values: Number) -> Expression:
         """Return the centre of area of the inferred set, given every input by name; ``default`` if no rule fires."""
         degrees = self.aggregated(values)
         area = sum(degrees)
         moment = sum(z * degree for z, degree in zip(self.axis, degrees, strict=True))
         if self.default is None:
-            return moment / area
-        return ca.if_else(area > 0, moment / ca.if_else(area > 0, area, 1), self.default)
+            return column(moment / area)
+        return column(ca.if_else(area > 0, moment / ca.if_else(area > 0, area, 1), self.default))

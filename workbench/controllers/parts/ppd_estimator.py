@@ -5,16 +5,22 @@ Jiao & Hou (2025), (12), (13), (15).
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Generic, Self, TypeVar
 
 import casadi as ca
 
-from models.quantity import InvalidValue, declared, quantity
-from workbench.contracts.law import Estimator, Law
+from models.expression import Expression, Number
+from models.quantity import InvalidValue, declared, quantity, rebuilt
+from workbench.contracts.law import Estimator, Law, Task
+from workbench.controllers.parts.scales import scales
+
+M = TypeVar("M", bound=tuple[object, ...])
+T = TypeVar("T")
 
 
 @declared
-class Parameters(Law):
+class Parameters(Law[M, tuple[()]], Generic[M]):
     """The parameters of a CFDL law, in units of the law's own ``force_unit`` (lam, mu and eps are absolute)."""
 
     eta: float = quantity(default=1.0, unit="1", doc="step of the estimator", above=0, most=1)
@@ -25,7 +31,9 @@ class Parameters(Law):
     phi0: float | None = quantity(
         default=None, unit="output/force unit", doc="phi(k,1); null takes sqrt(lam)", optional=True
     )
-    initial_input: float = quantity(default=1500.0, unit="N", doc="input of the first trial")
+    initial_input: float = quantity(
+        default=1500.0, unit="N", doc="input of the first trial, where the task gives no first plan"
+    )
     force_unit: float = quantity(default=100.0, unit="N", doc="the unit that the law computes forces in", above=0)
 
     @property
@@ -38,18 +46,44 @@ class Parameters(Law):
         if isinstance(self.phi0, float) and self.phi0 == 0:
             raise InvalidValue("phi0 must not be 0 (its sign is the control direction), got 0.0")
 
-    def first_estimate(self) -> Any:
+    def first_estimate(self) -> float:
         """Return phi(k,1): phi0, or sqrt(lam), where the gain is largest."""
         return ca.sqrt(self.lam) if self.phi0 is None else self.phi0
 
-    def update(self, phi: Any, du: Any, xi: Any) -> Any:
+    def update(self, phi: Expression, du: Expression, xi: Expression) -> Expression:
         """Return the next estimate, elementwise.
 
         phi (1, N) is the last estimate, du (1, N) the input difference of the last two trials and xi (1, N) the
         innovation dy(k+1) - phi du, or 0 where it is not known.
         """
-        first = self.first_estimate()
+        first: Number = self.first_estimate()
         phi = phi + self.eta * du / (self.mu + du**2) * xi  # (12), (15)
         excited = ca.logic_and(ca.fabs(phi) > self.eps, ca.fabs(du) > self.eps)
         keep = ca.logic_and(excited, ca.sign(phi) == ca.sign(first))
         return ca.if_else(keep, phi, first)  # (13)
+
+    def ranges(self, task: Task) -> Mapping[str, tuple[float, float]]:
+        """Return rho, lam and mu to tune: lam about the square of the plant's slope, in the law's unit."""
+        scale = scales(task)
+        slope, unit = self.force_unit / abs(scale.step), abs(scale.rate) / self.force_unit
+        return {
+            "rho": (0.01, 1.0),
+            "lam": (0.01 * slope**2, 1e4 * slope**2),
+            "mu": (1e-4 * unit**2, 10.0 * unit**2),
+        }
+
+    def scaled_for(self, task: Task) -> Self:
+        """Return the law in the plant's own scale, see :func:`scaled`."""
+        return scaled(self, task)
+
+
+def scaled(law: T, task: Task) -> T:
+    """Return a law with an estimate in the unit of input that changes the output by one unit a second.
+
+    It has no first input, and its first estimate has the sign of the plant's slope.
+    """
+    scale = scales(task)
+    unit = abs(scale.rate)
+    slope = unit / scale.step
+    first = None if slope > 0 else slope
+    return rebuilt(law, {"force_unit": unit, "lam": slope**2, "phi0": first, "initial_input": 0.0})

@@ -2,34 +2,45 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 
-from workbench.controllers.parts.nominal_model import NominalModel
+from models.expression import Expression, Number
+from models.vehicle import Vehicle
+from workbench.contracts.law import Task
 
 
 class Errors(NamedTuple):
     """Position error, speed error and S = e_v + lam e_x, output minus reference as in the paper."""
 
-    x: Any
-    v: Any
-    s: Any
+    x: Expression
+    v: Expression
+    s: Expression
 
 
-def errors(r: Any, y: Any, lam: Any) -> Errors:
+def errors(r: Expression, y: Expression, lam: Number) -> Errors:
     """Return the errors (8)-(10) of measured position and speed y against the reference r, row by row."""
     e_x, e_v = y[0, :] - r[0, :], y[1, :] - r[1, :]  # (8), (9)
     return Errors(e_x, e_v, e_v + lam * e_x)  # (10)
 
 
-def base_force(model: NominalModel, e: Errors, acceleration: Any, v: Any, alpha: Any, lam: Any) -> Any:
+def base_force(
+    model: Vehicle, e: Errors, acceleration: Expression, v: Expression, alpha: Number, lam: Number
+) -> Expression:
     """Return M dv_d/dt + D(v) - M [(alpha + lam) e_v + alpha lam e_x] in N: feed-forward, compensation and PD."""
     feedback = (alpha + lam) * e.v + alpha * lam * e.x
-    return model.mass * (acceleration - feedback) + model.running_resistance(v)  # (12) without the learned part
+    return model.mass * (acceleration - feedback) + model.resistance_at(v)  # (12) without the learned part
 
 
-def late_by(samples: int, before: Any, now: Any) -> Any:
+def overlong(late: int, task: Task) -> str | None:
+    """Return the refusal of an assumed period that is wrong by a whole period or more, or None."""
+    if abs(late) < task.samples:
+        return None
+    return f"late must be fewer samples than the {task.samples} of a period, got {late}"
+
+
+def late_by(samples: int, before: Expression, now: Expression) -> Expression:
     """Return what the next period reads, (1, N), where the assumed period is ``samples`` samples too long.
 
     now and before are the rows of the last period and of the one before it. Where the assumed period is too short

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import casadi as ca
 
+from models.expression import Expression, Number
 
-def low_pass(row: Any, cutoff_hz: Any, sampling_time: Any) -> Any:
+
+def low_pass(row: Expression, cutoff_hz: Number, sampling_time: Number) -> Expression:
     """Return a (1, n) row without phase shift and with what lies above the cutoff removed.
 
     A second-order Butterworth filter (bilinear transform, prewarped) runs forward and then backward, each time
@@ -23,11 +24,11 @@ def low_pass(row: Any, cutoff_hz: Any, sampling_time: Any) -> Any:
     return _backward(_forward(_backward(_forward(row, b0, a1, a2)), b0, a1, a2))
 
 
-def _backward(row: Any) -> Any:
+def _backward(row: Expression) -> Expression:
     return row[:, ::-1]
 
 
-def _forward(row: Any, b0: Any, a1: Any, a2: Any) -> Any:
+def _forward(row: Expression, b0: Number, a1: Number, a2: Number) -> Expression:
     state, value, coefficients = ca.SX.sym("state", 2), ca.SX.sym("value"), ca.SX.sym("coefficients", 3)
     c0, c1, c2 = ca.vertsplit(coefficients)
     out = c0 * value + state[0]

@@ -9,9 +9,9 @@ from scipy import stats
 from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
 from models.quantity import InvalidValue
+from workbench.contracts.study import Study
+from workbench.contracts.trial_length import TrialLength, as_trial_length
 from workbench.controllers import PD
-from workbench.trials.length import TrialLength
-from workbench.trials.study import TrialStudy
 
 TABLE = (0.1, 0.0, 0.6, 0.3)
 
@@ -56,7 +56,7 @@ def test_a_wrong_distribution_would_be_seen():
 
 def test_lengths_come_from_the_seed():
     def lengths(seed, **others):
-        study = TrialStudy(
+        study = Study(
             plant=PointMass(),
             reference=MetroProfile(),
             controllers={"pd": PD()},
@@ -81,12 +81,53 @@ def test_lengths_come_from_the_seed():
         ({"law": "table", "probabilities": (1.5, -0.5)}, 2000, "none negative"),
         ({"law": "table", "probabilities": ()}, 2000, "at least one number"),
         ({"law": "table", "probabilities": 3}, 2000, "row of numbers"),
-        ({"law": "table", "probabilities": (0.5, 0.5), "minimum": 1999}, 2000, "exceeds the horizon of 2000"),
+        ({"maximum": 1800, "minimum": 1900}, 2000, "maximum must lie above the minimum of 1900, got 1800"),
+        ({"law": "fixed", "maximum": 1800}, 2000, "maximum belongs to law uniform, got law fixed"),
+        ({"length": 1800}, 2000, "length belongs to law fixed, got law uniform"),
+        ({"law": "given"}, 2000, "lengths must be given for law given"),
+        ({"law": "given", "lengths": (3, 0)}, 2000, "lengths must be 1 sample or more, got 0"),
         ({"minimum": 2000}, 2000, r"must lie in \[1, 1999\], below the horizon of 2000 samples, got 2000"),
         ({"minimum": 0}, 2000, r"minimum must lie in \[1, ∞\)"),
-        ({"law": "normal"}, 2000, r"law must be one of uniform \| fixed \| table, got 'normal'"),
+        ({"law": "normal"}, 2000, r"law must be one of uniform \| fixed \| table \| given, got 'normal'"),
     ],
 )
 def test_bad_lengths_are_refused(fields, horizon, message):
     with pytest.raises(InvalidValue, match=message):
         TrialLength(**fields).least(horizon)
+
+
+@pytest.mark.parametrize(
+    ("law", "horizon"),
+    [
+        (TrialLength(minimum=1900, maximum=2100), 2000),
+        (TrialLength(law="table", probabilities=TABLE, minimum=1998), 2000),
+        (TrialLength(law="table", probabilities=TABLE, minimum=1999), 2000),
+    ],
+)
+def test_what_lasts_longer_than_the_horizon_counts_as_the_horizon(law, horizon):
+    lengths, mass = law.distribution(horizon)
+    whole = law.distribution(10 * horizon)
+    expected = {}
+    for length, probability in zip(*whole, strict=True):
+        expected[min(int(length), horizon)] = expected.get(min(int(length), horizon), 0.0) + probability
+    assert dict(zip(lengths.tolist(), mass, strict=True)) == pytest.approx(expected)
+    drawn = law.draw(horizon, 20_000, np.random.default_rng(5))
+    assert drawn.max() == horizon and (drawn == horizon).mean() == pytest.approx(expected[horizon], abs=0.02)
+    assert law.reach_probability(horizon)[horizon] == pytest.approx(expected[horizon])
+
+
+@pytest.mark.parametrize(
+    ("plain", "lengths"), [(40, [40] * 3), ([10, 20, 30], [10, 20, 30]), ([10, 20, 300], [10, 20, 50])]
+)
+def test_lengths_may_be_given_plainly(plain, lengths):
+    law = as_trial_length(plain, 3)
+    assert law.draw(50, 3, np.random.default_rng(0)).tolist() == lengths and law.varies
+    assert law.least(50) == min(lengths)
+    mass = dict(zip(*(one.tolist() for one in law.distribution(50)), strict=True))
+    assert mass == pytest.approx({length: lengths.count(length) / 3 for length in lengths})
+
+
+@pytest.mark.parametrize("plain", ["fixed", [1, 2], 0, 2.5, [[1, 2, 3]], None, [1, 2, "x"]])
+def test_what_is_no_length_is_refused(plain):
+    with pytest.raises(InvalidValue, match="trial_length must be a TrialLength, a whole number of samples, or 3 of"):
+        as_trial_length(plain, 3)

@@ -1,0 +1,76 @@
+"""What is random in a campaign, drawn from its seed: each kind has its own stream, so one changes no other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.array import Array
+from models.quantity import symbolised
+from models.users_code import asking
+from workbench.contracts.record import TrialInput
+
+if TYPE_CHECKING:
+    from workbench.contracts.study import Study
+
+LENGTHS, NOISE, STARTS, DISTURBANCES, TRUTH = range(5)
+
+
+def _streams(study: Study) -> list[np.random.Generator]:
+    return [np.random.default_rng(one) for one in np.random.SeedSequence(study.seed).spawn(TRUTH + 1)]
+
+
+def inputs(study: Study) -> list[TrialInput]:
+    """Return what every trial of a study is run with."""
+    scenario, plant, runs, n = study.scenario, study.plant, study.plant_that_runs, study.horizon
+    streams, trials = _streams(study), study.trials
+    with asking("what the study draws", *(type(one).draw for one in scenario[1:4])):
+        lengths = scenario.trial_length.draw(n, trials, streams[LENGTHS])
+        starts = np.asarray(scenario.initial.draw(plant, trials, streams[STARTS]), dtype=float)
+        behind = np.zeros((trials, len(runs.states) - starts.shape[1]))  # what the actuator adds begins at zero
+        nothing: dict[tuple[int, ...], Array] = {}
+        return [
+            TrialInput(
+                int(length),
+                start,
+                _shared_zeros(scenario.disturbance.draw(plant, n, streams[DISTURBANCES]), nothing),
+                _shared_zeros(scenario.noise.draw(plant, n + 1, streams[NOISE]), nothing),
+                truth,
+            )
+            for length, start, truth in zip(
+                lengths, np.hstack([starts, behind]), _truths(study, streams[TRUTH]), strict=True
+            )
+        ]
+
+
+def factors(study: Study) -> dict[str, Array]:
+    """Return the factors of the quantities that are not the same in every trial, (trials,) by path."""
+    return _factors(study, _streams(study)[TRUTH])
+
+
+def _factors(study: Study, stream: np.random.Generator) -> dict[str, Array]:
+    moving = {name: one for name, one in study.scenario.truth.items() if not one.repeats}
+    return {name: one.draw(study.trials, stream) for name, one in moving.items()}
+
+
+def _truths(study: Study, stream: np.random.Generator) -> list[Array | None]:
+    """Return the quantities of the plant that runs by trial, or None where all trials have the same."""
+    drawn = _factors(study, stream)
+    if not drawn:
+        return [None] * study.trials
+    names, values = symbolised(study.plant_that_runs)[1::2]
+    made = np.tile(np.array(values), (study.trials, 1))
+    for name, row in drawn.items():
+        (at,) = [i for i, path in enumerate(names) if path == name or path.endswith(f"plant.{name}")]
+        made[:, at] *= row
+    return list(made)
+
+
+def _shared_zeros(drawn: Array, shared: dict[tuple[int, ...], Array]) -> Array:
+    """Return what was drawn, or where it is all zero one read-only array for all trials."""
+    if drawn.any():
+        return drawn
+    zeros = shared.setdefault(drawn.shape, np.zeros(drawn.shape))
+    zeros.flags.writeable = False
+    return zeros
