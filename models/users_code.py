@@ -94,7 +94,8 @@ def asking(what: str, *codes: Code) -> Iterator[None]:
         raise
     except Exception as error:
         their = [one for one in codes if _theirs(_file_of(one))]
-        code = next((one for one in their if f"{one.__qualname__}()" in str(error)), None)
+        said = str(error)
+        code = next((one for one in their if f"{one.__qualname__}()" in said or f".{one.__name__} must " in said), None)
         if code is None and isinstance(error, InvalidValue):
             code = next(iter(their), None)
         if place_of(error) is None and (code is None or not isinstance(error, (InvalidValue, TypeError))):

@@ -24,6 +24,7 @@ from models.trying import tried
 from workbench.contracts import drawn
 from workbench.contracts.law import AnyLaw, Law, Task
 from workbench.contracts.plainly import as_departure, as_disturbance, as_initial, as_noise, as_plan
+from workbench.contracts.prepared import chance_of, prepared, refusal_of
 from workbench.contracts.record import TrialInput, TrialRecord
 from workbench.contracts.scenario import (
     AtRest,
@@ -301,7 +302,7 @@ class Study:
 
     def task(self, law: AnyLaw | None = None) -> Task:
         """Return what a law is told, in numbers."""
-        chance = law.chance(self.seed) if law is not None else ()
+        chance = chance_of(law, self.seed) if law is not None else np.empty(0)
         return Task(
             as_expression(ca.DM(self.reference_samples)),
             as_expression(ca.DM(float(self.plant.sampling_time))),
@@ -310,7 +311,7 @@ class Study:
             self.relative_degree,
             self.scenario.trial_length.varies,
             None if self.plan is None else as_expression(ca.DM(self.plan)),
-            as_expression(ca.DM(list(chance))),
+            as_expression(ca.DM(chance)),
         )
 
     @cached_property
@@ -328,7 +329,7 @@ class Study:
         """Return why controllers do not suit this study, by name."""
         found = {}
         for name, law in self.controllers.items():
-            reason = law.channels.refusal(name, self.plant) or law.refusal(self.task(law))
+            reason = law.channels.refusal(name, self.plant) or refusal_of(law, self.task(law))
             if reason:
                 found[name] = reason
         return found
@@ -336,7 +337,7 @@ class Study:
     def law(self, controller: str) -> AnyLaw:
         """Return a controller's law, ready for the task."""
         law = self.controllers[controller]
-        return law.ready_for(self.task(law))
+        return prepared(law, self.task(law))
 
     def inputs(self) -> list[TrialInput]:
         """Return what every trial is run with, drawn from the seed: lengths, starts, disturbances, noise, truth."""

@@ -77,7 +77,7 @@ def one_sample(
     for name, (_, columns) in zip(names(memory), shapes, strict=True):
         if columns not in (1, samples, samples + 1):
             raise InvalidValue(
-                f"{type(law).__name__}: memory {name} must have 1, N = {samples} or N + 1 columns, got {columns}"
+                f"{type(law).__name__}.start must give {name} with 1, N = {samples} or N + 1 columns, got {columns}"
             )
     memory_k = tuple(ca.SX.sym(f"m{i}", lines) for i, (lines, _) in enumerate(shapes))
     state = tuple(ca.SX.sym(f"s{i}", *shape) for i, shape in enumerate(shapes_of(ready)))

@@ -13,6 +13,7 @@ from models.plant import Plant
 from models.quantity import InvalidValue, rebuilt
 from models.users_code import asking
 from workbench.contracts.law import AnyLaw, Task
+from workbench.contracts.prepared import prepared
 from workbench.contracts.record import TrialInput, TrialRecord
 from workbench.contracts.study import Progress, Study
 from workbench.fold.fold import Fold, build, stream
@@ -31,8 +32,7 @@ class Runner:
         self.study = study
         chosen = study.controllers[controller] if law is None else law
         self.task: Task = study.task(chosen)
-        with asking(f"the law {controller}", type(chosen).ready_for):
-            self.law: AnyLaw = chosen.ready_for(self.task)
+        self.law: AnyLaw = prepared(chosen, self.task)
         self.plant, self.samples = study.plant_that_runs, study.horizon
         kind = type(self.law)
         self._codes = (kind.start, kind.act, kind.decide, kind.ready, kind.place, kind.learn, kind.tell)
