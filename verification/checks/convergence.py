@@ -13,6 +13,7 @@ from models.array import Array
 from models.plant import Plant
 from verification.checks.assumptions import lifted_along
 from verification.checks.domain import described
+from verification.checks.premises import plan_alone
 from verification.checks.row_sums import slope_bounds
 from verification.enclosure.box import Box
 from workbench.contracts.law import Estimator
@@ -208,8 +209,8 @@ def error_map(campaign: Campaign, evidence: Evidence) -> Monotone | str:
     law = evidence.law
     if law.learns_on is None:
         return "the law does not learn between trials"
-    if law.keeps_state:
-        return "the law also acts within the trial, so the error's map between trials is not I - G L"
+    if (acts := plan_alone(law, campaign.study)) is not None:
+        return f"{acts}, so the error's map between trials is not I - G L"
     if law.places:
         return "the law also moves the state in which a trial begins, so the error's map between trials is not I - G L"
     study, plant = campaign.study, campaign.study.plant_that_runs

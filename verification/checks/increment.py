@@ -27,6 +27,7 @@ from verification.checks.premises import (
     no_noise,
     nothing_between,
     one_channel,
+    plan_alone,
     reference_within,
     same_but_for_the_input,
 )
@@ -77,6 +78,7 @@ def _slopes(plant: Plant, evidence: Evidence, box: Box) -> SlopeBounds | Finding
         or same_but_for_the_input(study, evidence.law)
         or no_noise(study)
         or nothing_between(study)
+        or plan_alone(evidence.law, study)
     )
     if outside:
         return undecided(outside)

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from models.actuator import Actuator
+from models.expression import as_expression
 from models.plant import Plant
 from verification.enclosure.box import Box
 from workbench.contracts.law import AnyLaw
@@ -66,6 +67,20 @@ def nothing_between(study: Study) -> str | None:
     if study.plant_that_runs.states == study.plant.states and study.actuator == Actuator():
         return None
     return "an actuator lies between plan and plant, of which the theorem does not speak"
+
+
+def plan_alone(law: AnyLaw, study: Study) -> str | None:
+    """Return why a law's inputs are not those that it planned before the trial."""
+    acts = "the law also acts within the trial"
+    if law.keeps_state or law.stepped:
+        return acts
+    task = study.task(law)
+    law = law.ready_for(task)
+    memory = law.start(task)
+    columns = [as_expression(ca.SX.sym(f"m{i}", as_expression(one).shape[0])) for i, one in enumerate(memory)]
+    r, y = (as_expression(ca.SX.sym(name, len(study.plant.outputs))) for name in ("r", "y"))
+    u, _ = law.act(type(memory)(*columns), (), r, r, y)
+    return acts if ca.depends_on(ca.vertcat(*(u if isinstance(u, (tuple, list)) else [u])), y) else None
 
 
 def reference_within(study: Study, box: Box) -> str | None:

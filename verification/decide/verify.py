@@ -68,9 +68,13 @@ def _own(campaign: Campaign) -> list[Claim]:
     for claimer in campaign.study.claims:
         with asking("the claims of the study", claimer):
             made = claimer(campaign.study, campaign.data)
+            if not isinstance(made, (list, tuple)):
+                raise InvalidValue(f"claims must be a list of Claim objects, got {made!r}")
             for one in made:
                 if not isinstance(one, Claim):
                     raise InvalidValue(f"claims must be Claim objects, got {one!r}")
+                if not callable(one.check):
+                    raise InvalidValue(f"the check of {one.name} must be a function, got {one.check!r}")
             found += [dataclasses.replace(one, check=partial(_asked, one)) for one in made]
     return found
 
@@ -97,7 +101,7 @@ def verify(
     :func:`workbench.trials.replay.replayed`, which raises InvalidValue where the two depart.
     """
     if not isinstance(campaign, Campaign):
-        raise InvalidValue(f"verify takes a campaign, as in verify(run(study)); got {campaign!r}")
+        raise InvalidValue(f"verify takes a campaign, as in verify(run(study)); got {repr(campaign).splitlines()[0]}")
     replayed(campaign, show_progress=show_progress)
     if claims is None:
         chosen = examination_of(campaign, full=full)

@@ -39,7 +39,8 @@ def comparison(study: Study, laws: Sequence[str] | None = None) -> Study:
     Raises InvalidValue for an unknown law, for several outputs without weights, and for what is no Study.
     """
     if not isinstance(study, Study):
-        raise InvalidValue(f"compare takes a Study, as in compare(Study(plant=..., ...)); got {study!r}")
+        first = repr(study).splitlines()[0]
+        raise InvalidValue(f"compare takes a Study, as in compare(Study(plant=..., ...)); got {first}")
     weighed(study)
     chosen = _by_default(study) if laws is None else _named(study, laws)
     if isinstance(study.tuning, Search):

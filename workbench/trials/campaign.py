@@ -158,7 +158,7 @@ def run(study: Study, *, start: Campaign | None = None, show_progress: bool = Tr
     Raises InvalidValue where the study's declarations do not fit together.
     """
     if not isinstance(study, Study):
-        raise InvalidValue(f"run takes a Study, as in run(Study(plant=..., ...)); got {study!r}")
+        raise InvalidValue(f"run takes a Study, as in run(Study(plant=..., ...)); got {repr(study).splitlines()[0]}")
     shown: Progress = progress.bar if show_progress else progress.silent
     memories = None if start is None else {name: ended_with(start, name) for name in start.study.controllers}
     data = _about(study, simulate(study, shown, memories))

@@ -292,10 +292,24 @@ class Starting(Summing):
         return x0 + 0.1 * memory.u[0]
 
 
-NO_MAP = [(Summing(), "acts within the trial"), (Starting(), "moves the state in which a trial begins")]
+@declared
+class Leaning(Summing):
+    """A law that feeds back within the trial, and keeps nothing there."""
+
+    ready = Law.ready
+
+    def act(self, memory_k: Plan, state: Any, r: Any, r_next: Any, y: Any) -> tuple[Any, Any]:
+        return memory_k.u + 0.5 * (r - y), ()
 
 
-@pytest.mark.parametrize(("law", "said"), NO_MAP, ids=["acts within", "moves the start"])
+NO_MAP = [
+    (Summing(), "acts within the trial"),
+    (Leaning(), "acts within the trial"),
+    (Starting(), "moves the state in which a trial begins"),
+]
+
+
+@pytest.mark.parametrize(("law", "said"), NO_MAP, ids=["acts within", "feeds back", "moves the start"])
 def test_a_law_that_does_more_than_plan_has_no_such_map(law, said):
     campaign = small(law, PLANTS[2][1], "fixed")
     found = convergence.error_map(campaign, ppd.evidence(campaign, "law"))

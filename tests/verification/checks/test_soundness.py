@@ -193,6 +193,14 @@ class Placing(Increment):
         return x0 + 0.01
 
 
+@declared
+class Leaning(Increment):
+    """The law on increments, which feeds back too."""
+
+    def act(self, memory_k, state, r, r_next, y):
+        return memory_k.u * self.force_unit + 0.1 * (r - y), state
+
+
 UNMET = {
     # plant, what the study changes, what the theorems say, whether the lifted bound says so too
     "noise without a bound": (FIRST_ORDER, {"noise": 0.01}, "adds noise of no bound", False),
@@ -203,6 +211,7 @@ UNMET = {
     "given starts": (FIRST_ORDER, {"initial": np.linspace(0, 0.1, 6)[:, None]}, "in different states", True),
     "carried on": (FIRST_ORDER, {"continues": True}, "begins where the last one ended", True),
     "a law that places": (FIRST_ORDER, {"controllers": {"law": Placing(**LEARNING)}}, "the law moves the state", True),
+    "a law that feeds back": (FIRST_ORDER, {"controllers": {"law": Leaning(**LEARNING)}}, "acts within", False),
     "disturbed": (DISTURBED, {"disturbance": NormalDisturbance(sigmas=(0.1,))}, "disturbance differs", True),
     "a mass that changes": (Massive(), {"truth": {"mass": Between(low=0.9, high=1.1)}}, "mass (0.9 to 1.1", True),
     "masses that are given": (Massive(), {"truth": {"mass": np.linspace(1, 1.2, 6)}}, "mass (1 to 1.2", True),
