@@ -126,6 +126,14 @@ def test_a_case_that_there_is_not(own: Study, tmp_path: Path) -> None:
     assert not names(tmp_path)
 
 
+@pytest.mark.parametrize("thing", ["study", "data", "name", "none"])
+def test_what_is_no_campaign_is_refused_in_one_line(own: Study, thing: str) -> None:
+    given = {"study": own, "data": run(own, show_progress=False).data, "name": "out/own", "none": None}[thing]
+    with pytest.raises(InvalidValue, match=r"verify takes a campaign, as in verify\(run\(study\)\); got ") as caught:
+        verify(given, show_progress=False)
+    assert "\n" not in str(caught.value)
+
+
 ONE = 'Claim(name="own.x", statement="s", source="ours", check={})'
 PASSED = 'Finding(standing=Standing.PROVED, method="m")'
 SLIPS = {
