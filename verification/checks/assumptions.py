@@ -324,6 +324,8 @@ def sign_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
         return undecided("no two trials reached the same sample with different inputs")
     if not _remembers(plant, evidence):
         return sign_partial(plant, evidence, box)
+    if (unlike := same_but_for_the_input(evidence.study, evidence.law)) is not None:
+        return undecided(unlike)
     share = float((evidence.ratio[usable] <= 0).mean())
     if share > 0:
         weight = np.where(usable & (evidence.ratio <= 0), np.abs(np.nan_to_num(evidence.du)), -1.0)
@@ -378,6 +380,8 @@ def sign_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
 
 def data_model(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     """Lemma 1: ds(k+d) = phi_c du(k) with a bounded phi_c, at every trial and sample that was reached."""
+    if _remembers(plant, evidence) and (unlike := same_but_for_the_input(evidence.study, evidence.law)) is not None:
+        return undecided(unlike)
     alone = (evidence.du == 0) & np.isfinite(evidence.ds)
     left = np.where(alone, np.abs(np.nan_to_num(evidence.ds)), 0.0)
     scale = float(np.nanmax(np.abs(evidence.trajectories.y)))

@@ -13,7 +13,7 @@ from models.array import Array
 from models.plant import Plant
 from verification.checks.assumptions import lifted_along
 from verification.checks.domain import described
-from verification.checks.premises import plan_alone
+from verification.checks.premises import plan_alone, same_but_for_the_input
 from verification.checks.row_sums import slope_bounds
 from verification.enclosure.box import Box
 from workbench.contracts.law import Estimator
@@ -98,7 +98,12 @@ def lambda_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
 
 
 def lambda_realised(evidence: Evidence) -> Finding:
-    """The lambda used exceeds (rho b)^2/4 with b the largest realised ratio."""
+    """The lambda used exceeds (rho b)^2/4 with b the largest realised ratio.
+
+    Where trials differ by more than their inputs a ratio is no answer to an input, and says nothing of b.
+    """
+    if (unlike := same_but_for_the_input(evidence.study, evidence.law)) is not None:
+        return undecided(unlike)
     magnitudes = np.where(np.isfinite(evidence.ratio), np.abs(evidence.ratio), -1.0)
     trial, sample = (int(i) for i in np.unravel_index(int(magnitudes.argmax()), magnitudes.shape))
     if magnitudes[trial, sample] < 0:
@@ -162,8 +167,11 @@ def estimator_bounded(evidence: Evidence) -> Finding:
 def theorem_printed(evidence: Evidence, mse: Array) -> Finding:
     """Theorem 1's argument: |1 - rho phi_c phi/(lam + phi^2)| < 1 at every trial and sample that was reached.
 
-    ``mse`` is the law's mean square error by trial, which the method quotes.
+    ``mse`` is the law's mean square error by trial, which the method quotes. Where trials differ by more than their
+    inputs the ratio phi_c is no answer to an input, and neither side can be told from it.
     """
+    if (unlike := same_but_for_the_input(evidence.study, evidence.law)) is not None:
+        return undecided(unlike)
     factor = adaptation(evidence).factor
     usable = np.isfinite(factor)
     if not usable.any():

@@ -143,7 +143,7 @@ def verify_cases(
     done.record(draft)
     found = verify(done, full=full, show_progress=show_progress)
     others: dict[str, Report] = {}
-    for name in () if only is not None else study.cases:
+    for name in () if only is not None or study.case else study.cases:  # a study in a case is that case alone
         campaign = run(in_case(study, name), show_progress=show_progress)
         folder = draft / CASES / name
         folder.mkdir(parents=True)

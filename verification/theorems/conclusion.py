@@ -99,7 +99,8 @@ def _shared(mine: Mapping[str, Mapping[str, Verdict]]) -> list[str]:
 def _sentences(d: Dossier, own: Mapping[str, Verdict], repaired: Sequence[str]) -> list[str]:
     e, unit, broken = d.evidence, d.mse_unit.replace("^2", "²"), _broken(own)
     text = [f"{d.controller}: the MSE went from {d.mse[0]:.4g} to {d.mse[-1]:.4g} {unit} in {d.mse.size} trials."]
-    ratio = (e.ratio / e.partial)[np.isfinite(e.ratio)]
+    ratio = e.relative_ratio()
+    ratio = ratio[np.isfinite(ratio)]
     if broken and ratio.size:
         text.append(
             f"Of the realised ratios {100 * float((ratio <= 0).mean()):.3g} % are not positive, and the largest is "

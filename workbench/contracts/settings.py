@@ -82,7 +82,12 @@ def assigned(thing: T, assignments: Iterable[str]) -> T:
 
 
 def in_case(study: Study, name: str) -> Study:
-    """Return a study in one of its cases; under "" and "default" it is the study as declared."""
+    """Return a study in one of its cases; "" and the case that it is in give the study itself, "default" as declared.
+
+    Raises InvalidValue for an unknown case, and for "default" of a study that is in a case: its changes are made.
+    """
+    if name == "default" and study.case:
+        raise InvalidValue(f"{study.name} is in its case {study.case!r}: give the study as it is declared")
     if name in ("", "default", study.case):
         return study
     if name not in study.cases:

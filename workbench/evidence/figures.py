@@ -75,7 +75,7 @@ def error_map(evidence: Evidence) -> Figure:
 
 def sign_map(evidence: Evidence) -> Figure:
     """Draw realised ratio over partial derivative, trial by sample: at or below 0 assumption A4 fails."""
-    relative = evidence.ratio / evidence.partial
+    relative = evidence.relative_ratio()
     norm = colors.SymLogNorm(1.0, vmin=-1e3, vmax=1e3)
     label = "realised ratio / partial derivative (1)"
     return _map(np.clip(relative, -1e3, 1e3), norm, label, evidence.controller, "PuOr")
@@ -97,7 +97,8 @@ def excitation_map(controller: str, share: Array) -> Figure:
 
 def ratio_histogram(evidence: Evidence) -> Figure:
     """Draw how often realised ratio over partial derivative takes which value."""
-    relative = (evidence.ratio / evidence.partial)[np.isfinite(evidence.ratio)]
+    relative = evidence.relative_ratio()
+    relative = relative[np.isfinite(relative)]
     edges: list[float] = np.logspace(-2, 6, 41).tolist()
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()

@@ -76,6 +76,13 @@ class Evidence:
             "signal": f"{'increment of the output' if self.increment else 'output'} at sample {sample + self.degree}",
         }
 
+    def relative_ratio(self) -> Array:
+        """Return ratio / partial, NaN where there is no ratio, and where the partial derivative is 0."""
+        usable = np.isfinite(self.ratio) & (self.partial != 0)
+        relative = np.full(self.ratio.shape, np.nan)
+        relative[usable] = self.ratio[usable] / self.partial[usable]
+        return relative
+
     def relative_error(self) -> Array:
         """Return |estimate - partial| / |partial|, NaN where a trial did not reach the sample."""
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -162,3 +162,41 @@ def test_what_is_proved_of_a_trip_holds_in_its_record(truth):
     assert (heavy[1:] <= heavy[:-1] * (1 + 1e-9)).all()
     first = found["increment_monotone"].witness["factor_at_phi0"]
     assert error[1] <= error[0] * first * (1 + 1e-9)  # trial 2 is planned with phi(k, 1)
+
+
+RATIOS = ("A4.printed", "lemma1", "lambda_min.realised", "theorem1")
+"""Claims that look at ratios of differences between recorded trials."""
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        ({"initial": From(state=(0.0, 0.0), spread=(0.2, 1.0))}, "trials begin in different states"),
+        ({"continues": True, "trial_length": TrialLength(law="fixed")}, "a trial begins where the last one ended"),
+    ],
+)
+def test_ratios_say_nothing_where_trials_differ_by_more_than_their_inputs(fields, says):
+    found = findings(trip("trials=4", **fields))
+    for name in RATIOS:
+        assert found[name].standing is UNDECIDED and says in found[name].method, (name, found[name])
+
+
+def test_ratios_say_something_where_they_do_not():
+    found = findings(trip("trials=4"))
+    standings = {found[name].standing for name in RATIOS}
+    assert UNDECIDED not in standings and Standing.REFUTED in standings
+
+
+def test_a_derivative_of_zero_is_left_out_of_shares_of_it():
+    from workbench.evidence.ppd import evidence
+
+    one = evidence(trip("trials=3"), "law")
+    whole = one.relative_ratio()
+    partial = one.partial.copy()
+    partial[1, 5] = 0.0
+    left = dataclasses.replace(one, partial=partial).relative_ratio()
+    assert np.isfinite(whole[1, 5]) and np.isnan(left[1, 5])
+    left[1, 5] = whole[1, 5]
+    np.testing.assert_array_equal(left, whole)
+    usable = np.isfinite(one.ratio)
+    np.testing.assert_array_equal(whole[usable], (one.ratio / one.partial)[usable])

@@ -150,7 +150,9 @@ def test_a_case_is_the_study_with_its_changes(tmp_path):
     assert noisy.case == "noisy" and noisy.trials == 2 and noisy.scenario.noise.bound(noisy.plant)[0] == np.inf
     heavy = settings.in_case(CASES, "heavy")
     assert heavy.plant_that_runs.mass == pytest.approx(1.3 * 350_000) and heavy.plant.mass == 350_000
-    assert settings.in_case(CASES, "default") is CASES
+    assert settings.in_case(CASES, "default") is CASES and settings.in_case(heavy, "heavy") is heavy
+    with pytest.raises(InvalidValue, match="study is in its case 'heavy': give the study as it is declared"):
+        settings.in_case(heavy, "default")
     with pytest.raises(InvalidValue, match="there is no case 'light' of study; its cases are: default, heavy, noisy"):
         settings.in_case(CASES, "light")
     done = run(heavy, show_progress=False)
