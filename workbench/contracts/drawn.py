@@ -29,13 +29,14 @@ def inputs(study: Study) -> list[TrialInput]:
         lengths = scenario.trial_length.draw(n, trials, streams[LENGTHS])
         starts = np.asarray(scenario.initial.draw(plant, trials, streams[STARTS]), dtype=float)
         behind = np.zeros((trials, len(runs.states) - starts.shape[1]))  # what the actuator adds begins at zero
-        nothing: dict[tuple[int, ...], Array] = {}
+        calm = None if scenario.disturbance.bound(plant).any() else _zeros(len(plant.disturbances), n)
+        quiet = None if scenario.noise.bound(plant).any() else _zeros(len(plant.outputs), n + 1)
         return [
             TrialInput(
                 int(length),
                 start,
-                _shared_zeros(scenario.disturbance.draw(plant, n, streams[DISTURBANCES]), nothing),
-                _shared_zeros(scenario.noise.draw(plant, n + 1, streams[NOISE]), nothing),
+                scenario.disturbance.draw(plant, n, streams[DISTURBANCES]) if calm is None else calm,
+                scenario.noise.draw(plant, n + 1, streams[NOISE]) if quiet is None else quiet,
                 truth,
             )
             for length, start, truth in zip(
@@ -67,10 +68,8 @@ def _truths(study: Study, stream: np.random.Generator) -> list[Array | None]:
     return list(made)
 
 
-def _shared_zeros(drawn: Array, shared: dict[tuple[int, ...], Array]) -> Array:
-    """Return what was drawn, or where it is all zero one read-only array for all trials."""
-    if drawn.any():
-        return drawn
-    zeros = shared.setdefault(drawn.shape, np.zeros(drawn.shape))
+def _zeros(rows: int, columns: int) -> Array:
+    """Return zeros that all trials share, and nobody may write into."""
+    zeros = np.zeros((rows, columns))
     zeros.flags.writeable = False
     return zeros

@@ -143,12 +143,14 @@ class Recorder:
 
     def _met(self) -> dict[str, xr.Variable]:
         """Return what the trials met: noise and disturbances, one zero where there are none, and the true plant."""
-        noise = np.stack([one.noise for one in self.inputs]) if any(one.noise.any() for one in self.inputs) else None
+        noisy = self.study.scenario.noise.bound(self.study.plant).any()
+        noise = np.stack([one.noise for one in self.inputs]) if noisy else None
         found = {"noise": _met(noise, self.outputs, "noise on the measured outputs: ")}
+        bounds = self.study.scenario.disturbance.bound(self.study.plant)
         for i, signal in enumerate(self.plant.disturbances):
             drawn = [one.w[i] for one in self.inputs]
             name, about = f"disturbance_{signal.name}", _about(signal)
-            if any(row.any() for row in drawn):
+            if bounds[i].any():
                 rows = np.full((len(drawn), self.study.horizon + 1), np.nan)
                 rows[:, :-1] = drawn
                 found[name] = _variable((TRIAL, SAMPLE), rows, about)

@@ -34,6 +34,8 @@ class Runner:
         self.task: Task = study.task(chosen)
         self.law: AnyLaw = prepared(chosen, self.task)
         self.plant, self.samples = study.plant_that_runs, study.horizon
+        tops = np.abs(study.reference_samples).max(axis=1)
+        self.largest = {signal.name: float(top) for signal, top in zip(self.plant.outputs, tops, strict=True)}
         kind = type(self.law)
         self._codes = (kind.start, kind.act, kind.decide, kind.ready, kind.place, kind.learn, kind.tell)
         with asking(f"the law {controller}", *self._codes):
@@ -77,13 +79,13 @@ class Runner:
     def judged(self, lefts: Iterator[TrialRecord]) -> Iterator[Outcome]:
         """Yield every trial with the reason why the law has diverged in it, or None, and stop there."""
         study = self.study
-        watch = study.watch() if study.watch else None
+        watch, limits = study.watch() if study.watch else None, self.largest
         while True:
             with asking("a law of the study", *self._codes):
                 left = next(lefts, None)
             if left is None:
                 return
-            reason = diverged(study, left.mse) or (watch(left, study.reference_samples) if watch else None)
+            reason = diverged(limits, study.divergence_factor, left.mse) or (watch(left, study.reference_samples) if watch else None)
             yield left, reason
             if reason:
                 return
@@ -132,7 +134,8 @@ def simulate(study: Study, progress: Progress, start: Mapping[str, tuple[Array, 
             last[sweep.field, name, value] = math.nan if reason else mse[-1]
             advance(study.trials)
     recorder.refuse(refused)
-    data = _with_sweeps(study, recorder.dataset(), last).merge(before)
+    data = _with_sweeps(study, recorder.dataset(), last)
+    data = data.merge(before) if before.variables else data
     return data if study.derived is None else study.derived(study, data)
 
 
@@ -162,18 +165,20 @@ def mse_by_trial(study: Study, controller: str, laws: Sequence[AnyLaw]) -> list[
     return found
 
 
-def diverged(study: Study, mse: Array) -> str | None:
-    """Return why a trial with these mean square errors, (outputs,), counts as diverged, or None."""
-    largest = np.abs(study.reference_samples).max(axis=1)
-    for signal, error, reference in zip(study.plant_that_runs.outputs, mse, largest, strict=True):
-        which = f" of {signal.name}" if len(mse) > 1 else ""
+def diverged(largest: Mapping[str, float], factor: float, mse: Array) -> str | None:
+    """Return why a trial with these mean square errors, (outputs,), counts as diverged, or None.
+
+    ``largest`` is the largest reference by output; the RMS error may be ``factor`` times that.
+    """
+    for (name, reference), error in zip(largest.items(), mse, strict=True):
+        which = f" of {name}" if len(mse) > 1 else ""
         if not math.isfinite(error):
             return f"the error{which} is no longer finite"
-        limit = study.divergence_factor * reference
+        limit = factor * reference
         if reference and math.sqrt(error) > limit:
             return (
                 f"the RMS error{which} {math.sqrt(error):.3g} exceeds {limit:.3g} "
-                f"({study.divergence_factor:g} x the reference)"
+                f"({factor:g} x the reference)"
             )
     return None
 
