@@ -62,11 +62,12 @@ class Recorder:
         sizes |= {f"law_{signal.name}": 1 for signal in self.told}
         lead = (len(self.names), study.trials)
         # in one block: large memory is handed out in large pages
-        block = np.full((sum(sizes.values()), *lead, n + 1), np.nan)
+        block = np.empty((sum(sizes.values()), *lead, n + 1))  # written once: by a trial, or as missing at the end
         ends = np.cumsum([0, *sizes.values()])
         self.rows: dict[str, Array] = {
             name: np.moveaxis(block[ends[i] : ends[i + 1]], 0, 2) for i, name in enumerate(sizes)
         }
+        self.taken = np.zeros(lead, dtype=bool)
         self.mse = np.full((*lead, ny), np.nan)
         self.lengths = np.full(lead, -1)
         self.diverged = np.full(len(self.names), np.nan)
@@ -79,15 +80,16 @@ class Recorder:
         rows = self.rows
         rows["output"][at] = left.y
         np.subtract(r, left.y, out=rows["error"][at])
-        rows["input"][at][:, :-1] = left.u
         applied = left.applied if left.applied.shape[0] else left.u
-        rows["applied"][at][:, : end - 1] = applied[:, : end - 1]
+        self.taken[at] = True
+        _write(rows["input"][at], left.u)
+        _write(rows["applied"][at], applied[:, : end - 1])
         for i, signal in self.kept:
-            rows[f"state_{signal.name}"][at][0, :end] = left.x[i, :end]
-        for signal, row in zip(self.laws[name].tells, left.told, strict=True):
-            rows[f"law_{signal.name}"][at][0, :-1] = row
-        if left.estimate.size:
-            rows["ppd_estimate"][at][:, :-1] = left.estimate
+            _write(rows[f"state_{signal.name}"][at], left.x[i : i + 1, :end])
+        tells = dict(zip(self.laws[name].tells, left.told, strict=True))
+        for signal in self.told:
+            _write(rows[f"law_{signal.name}"][at], tells[signal][None, :] if signal in tells else _NOTHING)
+        _write(rows["ppd_estimate"][at], left.estimate if left.estimate.size else _NOTHING)
         self.mse[at] = left.mse
         self.lengths[at] = left.length
         if left.note and not self.stopped[at[0]]:
@@ -104,6 +106,8 @@ class Recorder:
 
     def dataset(self) -> xr.Dataset:
         """Return what was taken as a Dataset with units."""
+        for rows in self.rows.values():
+            rows[~self.taken] = np.nan
         variables = {**self._tracking(), **self._within(), **self._met(), **self._ends()}
         return xr.Dataset(variables, self._coordinates())
 
@@ -208,6 +212,16 @@ class Recorder:
                 about = {"units": "", "long_name": f"unit of the {what}"}
                 coordinates[f"{what}_unit"] = _variable((one.axis,), np.array([s.unit for s in one.signals]), about)
         return coordinates
+
+
+_NOTHING: Array = np.zeros((1, 0))
+
+
+def _write(row: Array, values: Array) -> None:
+    """Write values (channels, n) into a row (channels, N + 1); what they do not reach is missing."""
+    reached = values.shape[-1]
+    row[:, :reached] = values
+    row[:, reached:] = np.nan
 
 
 def _variable(axes: tuple[str, ...], values: NDArray[np.generic], attributes: Mapping[str, str]) -> xr.Variable:

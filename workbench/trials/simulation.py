@@ -85,7 +85,9 @@ class Runner:
                 left = next(lefts, None)
             if left is None:
                 return
-            reason = diverged(limits, study.divergence_factor, left.mse) or (watch(left, study.reference_samples) if watch else None)
+            reason = diverged(limits, study.divergence_factor, left.mse) or (
+                watch(left, study.reference_samples) if watch else None
+            )
             yield left, reason
             if reason:
                 return
@@ -176,10 +178,7 @@ def diverged(largest: Mapping[str, float], factor: float, mse: Array) -> str | N
             return f"the error{which} is no longer finite"
         limit = factor * reference
         if reference and math.sqrt(error) > limit:
-            return (
-                f"the RMS error{which} {math.sqrt(error):.3g} exceeds {limit:.3g} "
-                f"({factor:g} x the reference)"
-            )
+            return f"the RMS error{which} {math.sqrt(error):.3g} exceeds {limit:.3g} ({factor:g} x the reference)"
     return None
 
 
