@@ -30,6 +30,7 @@ HINTS = (
 """What to do, by words of the exception that CasADi, NumPy or Python raises for a symbol."""
 
 
+# a user's function takes whatever its kind takes
 Code = Callable[..., object]
 """What is called of a user's: it may take whatever its kind takes."""
 

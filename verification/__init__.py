@@ -22,9 +22,10 @@ def _unhidden() -> None:
     """Raise an ImportError that says which file hides the packages that this one stands on."""
     ours = Path(__path__[0]).resolve().with_name("workbench")
     other = import_module("workbench")
-    places = list(getattr(other, "__path__", []))
+    about = vars(other)  # a file beside the study has no __path__, a folder no __file__
+    places = list(about.get("__path__", []))
     if ours not in [Path(place).resolve() for place in places]:
-        place = getattr(other, "__file__", None) or ", ".join(places)
+        place = about.get("__file__") or ", ".join(places)
         raise ImportError(
             f"workbench must be the package in {ours.parent}, but {place} has its name and is found first: "
             "rename that, or start from another folder"

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+
+from models.array import Array
 
 
 class Jump(NamedTuple):
@@ -36,7 +38,7 @@ def find_jump(
     return found
 
 
-def _along(f: Callable[..., float], point: Any, axis: int, line: Any, least: float) -> Jump | None:
+def _along(f: Callable[..., float], point: Array, axis: int, line: Array, least: float) -> Jump | None:
     def at(value: float) -> tuple[float, ...]:
         moved = [float(entry) for entry in point]
         moved[axis] = float(value)

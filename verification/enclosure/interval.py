@@ -20,6 +20,7 @@ from workbench.graph.operations import CONSTANT, INPUT
 
 Faults = NDArray[np.int64]
 
+# operations of one argument, and of two
 TOTAL: Mapping[str, Callable[..., Span]] = {
     "add": outward.add,
     "sub": outward.sub,

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Point = Callable[..., arb]
+Point = Callable[..., arb]  # of one number, or of two
 
 PRECISION = 80  # bits of the balls: 27 more than a double, so that the outward step is rarely wasted
 _EXACT_SUM = 2.0**1000  # two-sum is exact below this, since none of its steps can overflow

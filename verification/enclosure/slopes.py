@@ -100,7 +100,7 @@ def _unknown(f: Span, *arguments: Span) -> tuple[Span, ...]:
     return (outward.full(np.zeros(1)),) * len(arguments)
 
 
-Partials = Callable[..., tuple[Span, ...]]
+Partials = Callable[..., tuple[Span, ...]]  # operations have one argument, or two
 
 _PARTIALS: Mapping[str, Partials] = {
     "add": lambda f, a, b: (_ONE, _ONE),

@@ -175,6 +175,7 @@ def _walked(graph: Graph, names: Sequence[Sequence[str]]) -> tuple[list[Term], l
     return list(known.values()), roots, uses
 
 
+# operations take different numbers of arguments
 def _operation(op: str, args: tuple[Term, ...], node: Callable[..., Term]) -> Term:
     if op == "assign":
         return args[0]

@@ -22,7 +22,8 @@ class Dossier:
     def __init__(self, campaign: Campaign, controller: str) -> None:
         self.campaign, self.controller = campaign, controller
         self.study, self.plant = campaign.study, campaign.study.plant_that_runs
-        self.law = campaign.tuned_laws()[controller]
+        law = campaign.tuned_laws()[controller]
+        self.law = law.ready_for(self.study.task(law))
 
     @cached_property
     def evidence(self) -> Evidence:

@@ -68,6 +68,7 @@ def _times(powers: Powers, other: Powers | None) -> Powers:
     return tuple(sorted((name, power) for name, power in merged.items() if power))
 
 
+# a method may be step, rhs or output, which take different arguments
 def _of_method(
     method: Callable[..., Column],
     handed: Sequence[object],
@@ -120,6 +121,7 @@ def _dimension(
     return next(iter(_evaluated(value, given, known)[0]), None)
 
 
+# a method may be step, rhs or output, which take different arguments
 def _traced(
     method: Callable[..., Column], handed: Sequence[object], look: Callable[[object, FrameType, int], None]
 ) -> Column:

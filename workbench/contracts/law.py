@@ -315,5 +315,6 @@ class Law(Declaration, ABC, Generic[M, S]):
         return type(self).ready is not Law.ready
 
 
+# laws of all kinds stand together here, each with a memory of its own
 AnyLaw: TypeAlias = Law[Any, Any]
 """A law, whatever its memory and acting state are: what holds laws of all kinds cannot say more."""

@@ -126,6 +126,7 @@ class Study:
     title: str = given(default="", doc="what the study is, in one line")
     source: str = given(default="", doc="paper or report that it follows")
     own: object = part(default=None, doc="settings of the study's own, if it has any", inline=True)
+    # it takes the study's own settings, of whatever class they are
     compose: Callable[..., Mapping[str, object]] | None = given(
         default=None, doc="compose(own, seed) gives fields of the study"
     )
@@ -257,6 +258,7 @@ class Study:
                 _check_signal(signal)
 
     @property
+    # fields of the study by name: the constructor checks each
     def composed(self) -> frozenset[str]:
         """The fields that are made of the study's own settings, and are no settings themselves."""
         return frozenset() if self.compose is None else frozenset(self.compose(self.own, self.seed))

@@ -338,6 +338,7 @@ def _flat(values: ArrayLike) -> Array:
     return np.ascontiguousarray(np.asarray(values, dtype=float).ravel(order="F"))
 
 
+# CasADi's buffers are untyped
 Setter: TypeAlias = Callable[..., None]
 """Takes an index and an array's memory; CasADi's stubs ask for its size too, which the library finds itself."""
 

@@ -35,7 +35,7 @@ class Arithmetic(Generic[T]):
         Reads a table at a point.
     """
 
-    operations: Mapping[str, Callable[..., T]]
+    operations: Mapping[str, Callable[..., T]]  # each of as many arguments as the operation has
     constant: Callable[[float], T]
     lookup: Callable[[Table, Lookup, Sequence[T]], T]
 

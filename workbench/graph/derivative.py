@@ -83,6 +83,7 @@ def gradient(build: Builder, target: int) -> dict[int, int]:
     return result
 
 
+# operations take different numbers of arguments
 def _number(value: float) -> Callable[..., Slopes]:
     return lambda b, f, *args: (b.constant(value),) * len(args)
 
@@ -147,6 +148,7 @@ def _copysign(b: Builder, f: int, x: int, y: int) -> Slopes:
     return b.operation("mul", b.operation("sign", x), b.operation("copysign", b.constant(1.0), y)), None
 
 
+# operations take different numbers of arguments
 def _extreme(first: str) -> Callable[..., Slopes]:
     """Return the slopes of the smaller or larger of two: of both, where they are equal, half each."""
 
@@ -159,6 +161,7 @@ def _extreme(first: str) -> Callable[..., Slopes]:
     return slopes
 
 
+# operations take different numbers of arguments
 _SLOPES: Mapping[str, Callable[..., Slopes]] = MappingProxyType(
     {
         "assign": _number(1.0),

@@ -35,7 +35,7 @@ class Critical(NamedTuple):
 
     kind: Kind
     rule: Rule
-    level: Callable[..., int]
+    level: Callable[..., int]  # as many arguments as the operation has
     """(make, *arguments) -> the node of the level."""
     edge: bool = False
 

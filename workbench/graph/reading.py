@@ -15,6 +15,7 @@ from workbench.graph.graph import Entry, Graph, Node, Port, Result
 from workbench.graph.operations import CONSTANT, INPUT, LOOKUP, OPERATIONS
 from workbench.graph.table import Lookup, Table
 
+# CasADi keeps its operations as constants of the module, by name
 _NAMES = {getattr(ca, name): name.removeprefix("OP_").lower() for name in dir(ca) if name.startswith("OP_")}
 _SAME = {"lift": "assign", "printme": "assign"}
 """Operations that give their first argument back."""

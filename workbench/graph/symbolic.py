@@ -16,7 +16,9 @@ from workbench.graph.table import Lookup, Table
 _SEARCH = ("linear", "exact", "binary")
 
 
+# operations take different numbers of arguments
 def _operation(name: str, arity: int) -> Callable[..., ca.SX]:
+    # CasADi keeps its operations as constants of the module, by name
     number = getattr(ca, f"OP_{name.upper()}")
     made = ca.SX.unary if arity == 1 else ca.SX.binary
     return lambda *args: made(number, *args)
