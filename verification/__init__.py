@@ -4,18 +4,33 @@ from importlib import import_module
 from pathlib import Path
 
 _HOME = {
-    "Claim": "workbench.contracts.verdict",
+    "Claim": "workbench.contracts.claim",
     "Examination": "workbench.contracts.examination",
     "Figure": "workbench.contracts.examination",
-    "Finding": "workbench.contracts.verdict",
+    "Finding": "workbench.contracts.finding",
     "Report": "verification.report.write",
-    "Standing": "workbench.contracts.verdict",
+    "Standing": "workbench.contracts.finding",
     "Table": "workbench.contracts.examination",
     "Verdict": "workbench.contracts.verdict",
+    "Replay": "verification.decide.replay",
     "latex": "verification.report.typeset",
+    "replay": "verification.decide.replay",
     "verify": "verification.decide.verify",
 }
-__all__ = ["Claim", "Examination", "Figure", "Finding", "Report", "Standing", "Table", "Verdict", "latex", "verify"]
+__all__ = [
+    "Claim",
+    "Examination",
+    "Figure",
+    "Finding",
+    "Replay",
+    "Report",
+    "Standing",
+    "Table",
+    "Verdict",
+    "latex",
+    "replay",
+    "verify",
+]
 
 
 def _unhidden() -> None:

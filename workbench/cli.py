@@ -10,7 +10,8 @@ import os
 import signal
 import sys
 import unicodedata
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,8 +21,6 @@ from models.errors import InvalidValue
 from workbench.distribution import HiddenPackageError, unhidden
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from workbench.contracts.study import Scores, Study
 
 app = typer.Typer(
@@ -40,7 +39,11 @@ Case = Annotated[str | None, typer.Option("--case", metavar="NAME", help="one of
 Draws = Annotated[int | None, typer.Option(help="how many campaigns, with seeds of their own")]
 Out = Annotated[Path | None, typer.Option(metavar="DIR", help="output folder (default: out/STUDY)")]
 Full = Annotated[bool, typer.Option("--full", help="add the long sweeps")]
-Strict = Annotated[bool, typer.Option("--strict", help="exit with 3 if any claim is REFUTED")]
+Strict = Annotated[bool, typer.Option("--strict", help="exit with 3 if a claim departs from what is expected of it")]
+Baseline = Annotated[
+    Path | None,
+    typer.Option("--baseline", metavar="FILE", help="a former verdicts.json: exit with 3 if a claim departs from it"),
+]
 Json = Annotated[bool, typer.Option("--json", help="print scores.json instead of a table")]
 
 
@@ -140,7 +143,8 @@ def run(
     if as_json:
         print(json.dumps(found, indent=2))
         return
-    _print_scores(scores, done.data)
+    _print_scores(scores)
+    _print_lines(f"{controller}: {reason}" for controller, reason in done.stopped)
     print(f"\nRun:      {folder / 'run.nc'}\nScores:   {folder / 'scores.json'}\nFigures:  {folder / 'figures'}/")
 
 
@@ -155,36 +159,80 @@ def verify(
     as_json: Annotated[bool, typer.Option("--json", help="print verdicts.json instead of tables")] = False,
     case: Case = None,
     draws: Draws = None,
+    baseline: Baseline = None,
 ) -> None:
     """Run a study, check its claims and write run.nc, scores.json, figures/, verdicts and report.html.
 
     Every case of the study is run and checked, or the one that --case names (default: the study as declared).
 
-    Exit status: 0 every check came to a standing, 1 some are UNDECIDED, 2 bad usage or input, with --strict 3
-    if any is REFUTED.
+    Exit status, the first that is true: 70 runs contradict a proof (the program is at fault), 2 bad usage or input,
+    3 with --strict a claim departs from what the study expects of it, or with --baseline from that file, 1 a claim is
+    UNDECIDED that was not expected to be, 0. A claim of which nothing is expected departs where it is REFUTED.
+
+    Expectations are about a study as shipped: with --set, --seed or --draws only claims that are requirements count
+    for 3 and 1, or, where there is a baseline, what it holds.
     """
     unhidden("verification")
+    from verification.decide.judge import ContradictionWarning
     from verification.decide.verify import verify_cases
+    from verification.report import listing
     from verification.report import write as report
+    from verification.report.gate import Gate, baseline_of
     from workbench.trials import campaign
     from workbench.trials.draft import replacing
 
-    with _computing():
+    with _computing(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", ContradictionWarning)  # they are named below, a line each
         study = _study(name, assignments, seed, draws=draws)
+        gate = Gate(
+            strict=strict,
+            baseline=None if baseline is None else baseline_of(baseline, study.name, case or ""),
+            changed=bool(assignments) or seed is not None or draws is not None,
+            case=case or "",
+        )
         folder = out or Path("out") / campaign.figure_file(study.name)
         with replacing(folder) as draft:
-            found = verify_cases(study, draft, only=case, full=full)
-        scores, data = report.all_scores(found), found.campaign.data
+            found = verify_cases(study, draft, only=case, full=full, gate=gate)
+        scores = report.all_scores(found)
+    fallen, told = listing.fallen(found), listing.told(found)
     if as_json:
         print(json.dumps(report.verdicts_json(found), indent=2))
+        for line in [*fallen, *told]:
+            print(f"workbench: {_one_line(line)}", file=sys.stderr)
     else:
-        _print_scores(scores, data)
+        _print_lines(fallen)
+        _print_scores(scores)
         print()
-        _print_table(report.verdict_table(found))
-        print(f"\n{report.tally(found)}")
-        print(f"\nRun:      {folder / 'run.nc'}\nScores:   {folder / 'scores.json'}\nFigures:  {folder / 'figures'}/")
+        _print_table(listing.verdict_table(found))
+        print(f"\n{listing.tally(found)}\n")
+        _print_lines([*told, ""] if told else [])
+        print(f"Run:      {folder / 'run.nc'}\nScores:   {folder / 'scores.json'}\nFigures:  {folder / 'figures'}/")
         print(f"Verdicts: {folder / 'verdicts.json'}, verdicts.xml\nReport:   {folder / 'report.html'}")
-    raise typer.Exit(report.exit_status(found, strict=strict))
+    raise typer.Exit(report.exit_status(found))
+
+
+@app.command()
+def replay(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="a folder that verify wrote")],
+    claim: Annotated[str, typer.Argument(metavar="CLAIM", help="a claim that is REFUTED in it")],
+    case: Annotated[str | None, typer.Option("--case", metavar="NAME", help="the case (default: that of OUT)")] = None,
+    controller: Annotated[str | None, typer.Option("--controller", metavar="NAME", help="the controller")] = None,
+    study: Annotated[
+        str | None, typer.Option("--study", metavar="FILE", help="the .py file of a study that is not built in")
+    ] = None,
+) -> None:
+    """Replay the witness of a claim that verify REFUTED, and say whether the refutation stands.
+
+    Exit status: 0 it stands, 1 it does not, 2 bad usage or input.
+    """
+    unhidden("verification")
+    from verification.decide.replay import replay as replay_claim
+    from workbench.trials import find as studies
+
+    with _computing():
+        found = replay_claim(out, claim, controller, case, study=None if study is None else studies.find(study))
+    _print_lines(found.lines())
+    raise typer.Exit(0 if found.stands else 1)
 
 
 @app.command()
@@ -238,16 +286,17 @@ def compare(
     print(f"\nTable:    {folder / 'table.csv'} (times: times.csv)\nFigures:  {folder / 'figures'}/")
 
 
-def _print_scores(scores: Scores, data: xr.Dataset) -> None:
+def _print_scores(scores: Scores) -> None:
     metrics = list(dict.fromkeys(metric for row in scores.values() for metric in row))
     table: list[tuple[str, ...]] = [("metric", *scores)]
     for metric in metrics:
         table.append((metric, *(_short(row.get(metric)) for row in scores.values())))
     _print_table(table)
-    if "stopped" in data:
-        for controller, reason in zip(data["controller"].values, data["stopped"].values, strict=True):
-            if reason:
-                print(f"{controller}: {reason}")
+
+
+def _print_lines(lines: Iterable[str]) -> None:
+    for line in lines:
+        print(_one_line(line))
 
 
 def _said(value: object) -> str:

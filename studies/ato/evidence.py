@@ -29,6 +29,10 @@ class Immune(Protocol):
     def kd(self) -> float:
         """Derivative coefficient, 1."""
 
+    @property
+    def input_unit(self) -> float:
+        """The unit that the law gives u in, in the plant's."""
+
 
 def is_immune(law: AnyLaw) -> bool:
     """Tell whether a law's gain is p1 - p2 f: then it tells what it is made of."""

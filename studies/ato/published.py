@@ -10,9 +10,74 @@ from studies.ato.evidence import Evidence
 from studies.ato.scores import FOUR, better_all_four, indices
 from studies.ato.study import own
 from workbench.contracts import settings
+from workbench.contracts.claim import Expectations, Expected
 from workbench.contracts.examination import Table
+from workbench.contracts.finding import Standing
 from workbench.contracts.study import Study
 from workbench.trials.campaign import run
+
+P, S, R = Standing.PROVED, Standing.SUPPORTED, Standing.REFUTED
+EXPECTED: Expectations = {
+    "relative_degree": (Expected(standing=P, why="a dead time of 4 or 5 samples lies between u(k) and y"),),
+    "relative_degree.dead_time": (
+        Expected(standing=P, why="the dead time of the step does not switch"),
+        Expected(
+            standing=R,
+            why="where the dead time gets shorter a command is skipped, where it gets longer one comes late",
+            cases=("curve",),
+        ),
+    ),
+    "relative_degree.printed": (
+        Expected(standing=R, why="the dead time makes the derivative of the next output zero"),
+    ),
+    "f_continuous": (
+        Expected(standing=R, why="the mean of maxima jumps at du = 0"),
+        Expected(standing=P, why="the smooth form is made of tanh", controllers=("fipid-smooth",)),
+    ),
+    "critical_gain": (
+        Expected(standing=S, why="p1 - p2 f is at most 2 and seldom near it; the critical gain is above 2.1"),
+        Expected(
+            standing=R,
+            why="the best gain of the grid for the ISE of the curve uses up the margin of stability",
+            controllers=("fixed-best",),
+            cases=("curve",),
+        ),
+    ),
+    "jerk_limit": (
+        Expected(standing=S, why="the curve is gentle, and the switch of the dead time adds about 0.3 m/s^3"),
+        Expected(
+            standing=S,
+            why="the curve is gentle, and the switch of the dead time adds about 0.3 m/s^3",
+            controllers=("fipid",),
+            published="0.0656 m/s^3, below 0.75 m/s^3",
+        ),
+    ),
+    "sign_of_slope": (
+        Expected(standing=R, why="the output follows an input of 5 or 6 samples ago, not the one that just changed"),
+    ),
+    "network_learns": (
+        Expected(standing=R, why="200 samples of a unit step are too few to move the weights"),
+        Expected(standing=S, why="2175 samples with errors up to meters per second move them", cases=("curve",)),
+    ),
+    "better_than_fixed_gain": (
+        Expected(standing=R, why="the network's gain ends where a fixed one may begin, and is less than the best"),
+    ),
+    "better_than_fipid": (
+        Expected(
+            standing=R,
+            why="about one start in five gives a gain no larger than FIPID's",
+            published="better on all four (one start)",
+        ),
+        Expected(
+            standing=S,
+            why="FIPID's gain is small for the curve, and every start learns a larger one",
+            cases=("curve",),
+            published="better on all four (one start)",
+        ),
+    ),
+    "does_not_diverge": (Expected(standing=Standing.SUPPORTED, why="every gain is far from one that diverges"),),
+}
+"""How the claims are expected to stand in the step test, the study as declared, and in the case curve."""
 
 
 def constant_delay_jerk(study: Study) -> float:

@@ -10,6 +10,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from models.actuator import delayed
 from models.array import Array
@@ -94,18 +95,33 @@ class Ato:
     @property
     def setting(self) -> Setting:
         """What every law is run on."""
-        late = round(self.traction_delay / self.plant.sampling_time)
         if not self.curve:
             added = np.zeros(STEP_SAMPLES)
             added[[kick - 1 for kick in KICKS]] = self.disturbance
             ones = np.ones((1, STEP_SAMPLES + 1))
             return Setting(delayed(self.plant, self.traction_delay), Given(values=ones), added)
-        early = round(self.braking_delay / self.plant.sampling_time)
-        schedule = [(0, late)]
-        for first, last in BRAKING:  # the paper's sample k is the output of step k - 2
-            schedule += [(first - 2, early), (last - 1, late)]
-        plant = SwitchedDelay(plant=self.plant, schedule=tuple(schedule))
+        plant = SwitchedDelay(plant=self.plant, schedule=self.schedule)
         return Setting(plant, RaisedCosines(horizon=CURVE_SAMPLES, moves=CURVE), np.zeros(CURVE_SAMPLES))
+
+    @property
+    def schedule(self) -> tuple[tuple[int, int], ...]:
+        """From which step on which dead time stands, in samples."""
+        late = round(self.traction_delay / self.plant.sampling_time)
+        if not self.curve:
+            return ((0, late),)
+        early = round(self.braking_delay / self.plant.sampling_time)
+        switches = [(0, late)]
+        for first, last in BRAKING:  # the paper's sample k is the output of step k - 2
+            switches += [(first - 2, early), (last - 1, late)]
+        return tuple(switches)
+
+    @property
+    def dead_times(self) -> NDArray[np.int64]:
+        """The dead time that stands at every sample k, in samples, (N,)."""
+        late = np.zeros(CURVE_SAMPLES if self.curve else STEP_SAMPLES, dtype=np.int64)
+        for first, delay in self.schedule:
+            late[first:] = delay
+        return late
 
 
 def own(study: Study) -> Ato:

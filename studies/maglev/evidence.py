@@ -6,6 +6,7 @@ from typing import Protocol, cast
 
 from models.maglev import Maglev
 from models.station_runs import Shuttle
+from models.vehicle import Vehicle
 from studies.maglev.period_contraction import Loop
 from studies.maglev.study import ForceNoise
 from workbench.contracts.law import AnyLaw
@@ -30,6 +31,14 @@ class Learner(Shuttling, Protocol):
     @property
     def gamma(self) -> float:
         """Learning gain over the mass, 1/s."""
+
+    @property
+    def late(self) -> int:
+        """Samples by which the period that it assumes is too long."""
+
+    @property
+    def model(self) -> Vehicle | None:
+        """What it knows of the train."""
 
 
 class Filtered(Learner, Protocol):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.array import Array
-from workbench.contracts.verdict import Finding, Standing
+from workbench.contracts.finding import Finding, Grounds
 
 
 class Loop(NamedTuple):
@@ -76,7 +77,8 @@ def observed(S: Array, period: float, w: float, last: int = 5, half_width: int =
     """Return the growth a period of the change of S around w rad/s: geometric mean over the last periods.
 
     S has shape (periods, samples), the samples making up one period. Its change from period to period follows the
-    same recursion and is free of what a filtered law leaves for ever. NaN where there are fewer than three periods.
+    same recursion and is free of what a filtered law leaves for ever. NaN where there are fewer than three periods,
+    or where S did not change.
     """
     S = np.diff(S, axis=0)
     if S.shape[0] < 2:
@@ -85,18 +87,35 @@ def observed(S: Array, period: float, w: float, last: int = 5, half_width: int =
     lines = slice(max(1, line - half_width), line + half_width + 1)
     size = np.linalg.norm(np.abs(np.fft.rfft(S, axis=1))[:, lines], axis=1)
     count = min(last, size.size - 1)
+    if size[-1 - count] == 0:
+        return float("nan")
     return float((size[-1] / size[-1 - count]) ** (1 / count))
 
 
-def sampled_gain(alpha: float, k: float, mass: float, step: float) -> Finding:
-    """Tell whether S+ = S - step (alpha + k/M) S is stable, k in N per m/s, and the largest step that would be."""
-    largest = 2 / (alpha + k / mass)
-    in_one = alpha / (alpha + k / mass**2)
+def sampled_gain(alpha: float, lam: float, k: float, mass: float, step: float) -> Finding:
+    """Tell whether the sampled errors are stable under a held force, and up to which step; k in N per m/s.
+
+    e_v' = -(alpha + lam + k/M) e_v - lam (alpha + k/M) e_x, the right-hand side held over a step, e_x' = e_v. The
+    characteristic polynomial has its roots inside the unit circle where step < 2/(alpha + lam + k/M) and
+    step < 2 (alpha + lam + k/M)/(lam (alpha + k/M)) (Jury). The arithmetic is rational, hence exact.
+    """
+    margin = -least_excess(alpha, lam, k, mass, step)
+    largest = step + float(margin)
     return Finding(
-        standing=Standing.PROVED if largest > step else Standing.REFUTED,
-        method="exact: the pole of S under a held force is 1 - step (alpha + k/M), stable for step (alpha + k/M) < 2; "
-        f"read as a gain per mass (k/M^2) it would shrink S to a share of {in_one:.1g} in a single period",
-        margin=largest - step,
+        grounds=Grounds.ALGEBRA,
+        method="rational arithmetic on the errors' equations under a held force: the roots lie inside the unit circle "
+        f"for steps below {largest:.2g} s",
+        margin=float(margin),
         unit="s",
-        witness={"k": k, "step": step, "pole": 1 - step * (alpha + k / mass), "largest_step": largest},
+        bound=largest,
+        bound_unit="s",
+        witness={"alpha": alpha, "lambda": lam, "k": k, "mass": mass, "step": step, "largest_step": largest},
     )
+
+
+def least_excess(alpha: float, lam: float, k: float, mass: float, step: float) -> Fraction:
+    """Return by how much the step exceeds the largest that is stable, s, exactly."""
+    learned = Fraction(k) / Fraction(mass)
+    by_speed = Fraction(alpha) + Fraction(lam) + learned
+    by_position = Fraction(lam) * (Fraction(alpha) + learned)
+    return Fraction(step) - min(2 / by_speed, 2 * by_speed / by_position)

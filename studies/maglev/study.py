@@ -79,6 +79,7 @@ def figures(study: Study, data: xr.Dataset) -> Mapping[str, Draw]:
 
 
 LAGGING, NOISY, WRONG = "lagging", "noisy", {"0.1": "period-100-ms-too-long", "1": "period-1-s-too-long"}
+FLAT_LINE, LIMITED, SHORT = "flat", "limited", "period-100-ms-too-short"
 """Names of cases; those of a wrong period the seconds that it is too long."""
 
 
@@ -102,11 +103,11 @@ STUDY = Study(
     cases={
         LAGGING: {"actuator.lag": 0.4, "actuator.delay": 0.6},
         NOISY: {"disturbance.force_psd": 1e6},
-        "flat": {"plant.line": "flat"},
-        "limited": {"actuator.lower": -95_000.0, "actuator.upper": 95_000.0, "trials": 25},
+        FLAT_LINE: {"plant.line": "flat"},
+        LIMITED: {"actuator.lower": -95_000.0, "actuator.upper": 95_000.0, "trials": 25},
         WRONG["0.1"]: _late(10),
         WRONG["1"]: _late(100),
-        "period-100-ms-too-short": _late(-10),
+        SHORT: _late(-10),
     },
     renamed={"periods": "trials", "line": "plant.line", "noise.force_psd": "disturbance.force_psd"},
     gone={

@@ -17,13 +17,16 @@ from models.actuator import Actuator
 from models.plant import Plant
 from models.quantity import symbolised
 from studies.ato.claims import f_continuous
+from studies.same_plant.published import EXPECTED
 from verification.checks.linear_loop import incremental_pid, observed, positional_pid, spectral_radius
-from verification.decide.verify import judge
+from verification.decide.judge import Judge
 from verification.theorems import learning
+from workbench.contracts.claim import Claim, Role
 from workbench.contracts.examination import Examination, Table
+from workbench.contracts.finding import Finding, Grounds, Standing, undecided
 from workbench.contracts.law import AnyLaw, PIDAction, SlopeLearning
 from workbench.contracts.study import Study
-from workbench.contracts.verdict import Claim, Finding, Standing, Verdict, undecided
+from workbench.contracts.verdict import Verdict
 from workbench.controllers.parts.scales import at_output
 from workbench.design.search import Search
 from workbench.design.table import settled, table
@@ -44,8 +47,8 @@ REPAIRED = ("increment_monotone", "increment_weighted")
 def examine(campaign: Campaign, *, full: bool = False) -> Examination:
     """Return the claims on every law of a comparison."""
     ran = settled(campaign)
-    files = [d for d in learning.dossiers(ran) if len(d.plant.outputs) == 1]
-    claims = [claim for d in files for claim in learning.claims_of(d)]
+    files = learning.dossiers(ran)
+    claims = list(learning.examine(ran, full=full).claims)
     for name, law in ran.study.controllers.items():
         claims += _acting(ran, name, law if law.stepped else ran.study.law(name))
     claims = [dataclasses.replace(claim, check=cache(claim.check)) for claim in claims]
@@ -54,6 +57,7 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
         conclude=partial(_conclude, campaign),
         tables=partial(_tables, campaign, claims),
         scores=partial(learning.scores, ran, files),
+        expectations=EXPECTED,
     )
 
 
@@ -62,6 +66,7 @@ def _acting(ran: Campaign, name: str, law: AnyLaw) -> list[Claim]:
     claims = [
         Claim(
             name="same-plant.unsaturated",
+            role=Role.OUTCOME,
             statement="the command of the last trial is never cut by limits: the plant is as smooth as proofs need it",
             source="ours",
             check=partial(_unsaturated, ran, name),
@@ -72,6 +77,7 @@ def _acting(ran: Campaign, name: str, law: AnyLaw) -> list[Claim]:
         claims.append(
             Claim(
                 name="same-plant.known_model",
+                role=Role.REPAIRED,
                 statement="the law knows the plant: all quantities of the plant that runs are those that it was told",
                 source=f"{law.origin}: feed-forward and compensation use the model",
                 check=partial(_known_model, ran.study),
@@ -82,6 +88,7 @@ def _acting(ran: Campaign, name: str, law: AnyLaw) -> list[Claim]:
         claims.append(
             Claim(
                 name="same-plant.contraction",
+                role=Role.REPAIRED,
                 statement="|1 - lambda b| < 1 for every gain lambda that learning may use, b what a unit of input does "
                 "to the output's slope",
                 source=f"{law.origin}, convergence condition of D-type learning",
@@ -93,6 +100,7 @@ def _acting(ran: Campaign, name: str, law: AnyLaw) -> list[Claim]:
         claims.append(
             Claim(
                 name="same-plant.qp_solved",
+                role=Role.OUTCOME,
                 statement=f"a further sweep would move no plan by more than {SOLVED:g} of its unit",
                 source="ours: the fixed point of projected Gauss-Seidel is the optimum of a strictly convex QP",
                 check=partial(_solved, ran.data, name),
@@ -111,6 +119,7 @@ def _of_pid(ran: Campaign, name: str, pid: PIDAction | None) -> list[Claim]:
         claims.append(
             Claim(
                 name="same-plant.f_continuous",
+                role=Role.PRINTED,
                 statement="the stimulus f(u, du) is continuous",
                 source="Chu, Yu, Lin, Yuan & Jiang, fuzzy rules with the mean of maxima; smooth form: ours",
                 check=partial(f_continuous, pid.stimulus),
@@ -120,6 +129,7 @@ def _of_pid(ran: Campaign, name: str, pid: PIDAction | None) -> list[Claim]:
     claims.append(
         Claim(
             name="same-plant.stable_loop",
+            role=Role.REPAIRED,
             statement="the loop linearised along the reference is stable, at the least and the largest gain seen",
             source="ours: constant gains, by python-control",
             check=partial(_stable_loop, ran, name, pid),
@@ -131,7 +141,11 @@ def _of_pid(ran: Campaign, name: str, pid: PIDAction | None) -> list[Claim]:
 
 def _unsaturated(ran: Campaign, name: str) -> Finding:
     if type(ran.study.plant_that_runs).applied is Plant.applied:
-        return Finding(standing=Standing.PROVED, method="the plant has no actuator")
+        return Finding(
+            grounds=Grounds.SETTINGS,
+            holds=type(ran.study.plant_that_runs).applied is Plant.applied,
+            method="the plant has no actuator",
+        )
     one = ran.data.sel(controller=name).isel(trial=-1)
     command, acted = one["input"].values[..., :-1], one["applied"].values[..., :-1]
     if not np.isfinite(command).any():
@@ -140,14 +154,12 @@ def _unsaturated(ran: Campaign, name: str) -> Finding:
     cut = np.abs(command - acted)
     worst = np.unravel_index(int(np.nanargmax(cut)), cut.shape)
     scale = float(np.nanmax(np.abs(command)))
-    if cut[worst] <= 1e-9 * scale:
-        return Finding(
-            standing=Standing.SUPPORTED, margin=0.0, unit=unit, method="command and applied input, last trial"
-        )
     which = {"input": ran.study.plant.inputs[int(worst[0])].name} if len(worst) > 1 else {}
     return Finding(
-        standing=Standing.REFUTED,
-        margin=-float(cut[worst]),
+        grounds=Grounds.RUN,
+        tries=command.size,
+        margin=1e-9 * scale - float(cut[worst]),
+        weak=True,
         unit=unit,
         witness={
             **which,
@@ -170,16 +182,14 @@ def _known_model(study: Study) -> Finding:
             share = abs(told[name] - value) / abs(value) if value else np.inf
             if value != told[name] and share > off.get(name, 0.0):
                 off[name], true[name] = share, value
-    if not off:
-        return Finding(
-            standing=Standing.PROVED, margin=0.0, unit="%", method="the settings of the plant, believed and true"
-        )
-    worst = max(off, key=lambda name: off[name])
+    worst = max(off, key=lambda name: off[name], default="")
+    known = {f"{worst} that the law knows": told[worst], f"{worst} of the plant": true[worst]} if off else None
     return Finding(
-        standing=Standing.REFUTED,
-        margin=-100 * off[worst],
+        grounds=Grounds.SETTINGS,
+        margin=-100 * off.get(worst, 0.0),
+        weak=True,
         unit="%",
-        witness={f"{worst} that the law knows": told[worst], f"{worst} of the plant": true[worst]},
+        witness=known,
         method="the settings of the plant, believed and true",
     )
 
@@ -193,7 +203,7 @@ def _contraction(study: Study, learning: SlopeLearning) -> Finding:
     factors = {gain: abs(1 - gain * b) for gain in (learning.low, learning.high)}
     worst = max(factors, key=lambda gain: factors[gain])
     return Finding(
-        standing=Standing.SUPPORTED if factors[worst] < 1 else Standing.REFUTED,
+        grounds=Grounds.NUMERICS,
         margin=1 - factors[worst],
         unit="1",
         witness={"lambda": worst, "b": b, "|1 - lambda b|": factors[worst]},
@@ -206,7 +216,9 @@ def _solved(data: xr.Dataset, name: str) -> Finding:
     trial, k = (int(i) for i in np.unravel_index(int(np.nanargmax(residual)), residual.shape))
     largest = float(residual[trial, k])
     return Finding(
-        standing=Standing.SUPPORTED if largest <= SOLVED else Standing.REFUTED,
+        grounds=Grounds.RUN,
+        tries=int(np.isfinite(residual).sum()),
+        weak=True,
         margin=SOLVED - largest,
         unit="1",
         witness={"trial": trial + 1, "sample": k, "residual": largest},
@@ -241,7 +253,7 @@ def _stable_loop(ran: Campaign, name: str, pid: PIDAction) -> Finding:
     which, k = max(radii, key=lambda at: radii[at])
     worst = radii[which, k]
     return Finding(
-        standing=Standing.SUPPORTED if worst < 1 else Standing.REFUTED,
+        grounds=Grounds.NUMERICS,
         margin=1 - worst,
         unit="1",
         witness={"at": which, "sample": k, "output": outputs[k], "largest pole": worst},
@@ -250,7 +262,11 @@ def _stable_loop(ran: Campaign, name: str, pid: PIDAction) -> Finding:
 
 
 def _standing(claims: Sequence[Claim], law: str) -> dict[str, Standing]:
-    return {one.name.split(".", 1)[1]: judge(one).standing for one in claims if one.controller == law}
+    """Return how the claims made of a law stand by their checks, which are kept: nothing is replayed once more."""
+    judge = Judge()
+    made = [dataclasses.replace(one, replay=None, attack=None) for one in claims if one.controller == law]
+    found = [judge.verdict(one) for one in made]
+    return {one.claim.split(".", 1)[1]: one.standing for one in found if isinstance(one, Verdict)}
 
 
 def whose_proof(found: Mapping[str, Standing]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -11,20 +11,20 @@ import xarray as xr
 
 from studies.stopping import outcomes as stopping_outcomes
 from studies.stopping.design import CONFIGS, Control
-from studies.stopping.outcomes import LIMIT_CM, within_window
-from studies.stopping.published import published
+from studies.stopping.design_claims import PAPER, cost_claims, design_claims
+from studies.stopping.outcomes import room_cm
+from studies.stopping.published import EXPECTED, published
 from studies.stopping.scores import scores as scores_of
 from studies.stopping.settings import Stopping, own
 from verification.checks import predictive as predictive_checks
-from verification.checks import tube as tube_checks
 from verification.checks.feasibility import Deciding
+from workbench.contracts.claim import Claim, Role
 from workbench.contracts.examination import Examination
+from workbench.contracts.finding import Finding, Grounds, Standing, undecided
 from workbench.contracts.study import Scores, Study
-from workbench.contracts.verdict import Claim, Finding, Standing, Verdict, undecided
-from workbench.predictive import Tube
-from workbench.trials.campaign import Campaign
+from workbench.contracts.verdict import Verdict
+from workbench.trials.campaign import Campaign, run
 
-PAPER = "Liu, Xun, Gao & Yin 2022"
 CONTROL_HORIZON = 15
 """Horizon of the negative controls: a term too many in the tube is felt only by long plans."""
 CONTROLS = {
@@ -36,7 +36,7 @@ CONTROLS = {
 }
 ROUNDING = 1e-9
 """What a recorded error may exceed a bound by, in the bound's unit: 1, m/s or m."""
-RUNS, RUNS_FULL = 200, 1000
+RUNS, RUNS_FULL = 300, 1000
 SEEDS, SEEDS_FULL = 8, 60
 
 
@@ -48,8 +48,8 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
     study, data, lengths = campaign.study, campaign.data, own(campaign.study).lengths
     horizons = lengths if full else tuple(dict.fromkeys((min(lengths), max(lengths))))
     claims = [
-        *_design(study, horizons),
-        *_costs(study, horizons),
+        *design_claims(study, horizons),
+        *cost_claims(study, horizons),
         *_feasibility(study, horizons, full),
         *_runs(study, data, horizons, SEEDS_FULL if full else SEEDS),
     ]
@@ -57,161 +57,71 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
         claims=claims,
         conclude=partial(_conclude, campaign),
         tables=partial(published, campaign, seeds=SEEDS_FULL if full else SEEDS),
+        expectations=EXPECTED,
     )
-
-
-def _design(study: Study, horizons: Sequence[int]) -> list[Claim]:
-    settings = own(study)
-    checks = [
-        ("schur", "A + b K is Schur", "(15), repaired: the paper prints Hurwitz", tube_checks.schur),
-        (
-            "hurwitz_as_printed",
-            "A + b K is Hurwitz: every eigenvalue has a negative real part",
-            "step 1 of the algorithm, as printed",
-            tube_checks.hurwitz_as_printed,
-        ),
-        ("lyapunov", "P satisfies (19) with equality", "(19)", tube_checks.lyapunov),
-        ("lmi20", "the matrix of (20) is positive semidefinite", "(20)", tube_checks.lmi20),
-        ("tube_inside", "Z, the tube in the end, lies inside Sigma", "(16)", tube_checks.tube_inside),
-        (
-            "rpi",
-            "Sigma is robust positively invariant",
-            "(16), repaired: Z in Sigma in Sigma_0 is not enough",
-            tube_checks.rpi,
-        ),
-    ]
-    claims = [
-        Claim(
-            name=f"stopping.{name}",
-            statement=statement,
-            source=f"{PAPER}, {source}",
-            check=partial(_on_tube, settings, check),
-        )
-        for name, statement, source, check in checks
-    ]
-    claims += [
-        Claim(
-            name="stopping.horizon27",
-            statement=f"R_(M+N)^M lies inside Sigma for every hold M = 1 ... {N - 1}",
-            source=f"{PAPER}, (27)",
-            check=partial(_on_tube, settings, partial(tube_checks.horizon27, N=N)),
-            controller=f"rsmpc-n{N}",
-        )
-        for N in own(study).lengths
-    ]
-    longest = max(horizons)
-    holds = tuple(sorted({1, 2, longest - 1} & set(range(1, longest))))
-    claims.append(
-        Claim(
-            name="stopping.tightening_sound",
-            statement="no disturbance of W moves the true error further from a plan than the bounds were tightened by",
-            source=f"{PAPER}, (14), (26), repaired: A^l W and the prediction error over the dead time",
-            check=partial(
-                _on_tube,
-                settings,
-                partial(tube_checks.tightening_sound, stages=longest, holds=holds, seed=study.seed),
-            ),
-        )
-    )
-    return claims
-
-
-def _on_tube(settings: Stopping, check: Callable[[Tube], Finding]) -> Finding:
-    return check(settings.design)
-
-
-def _costs(study: Study, horizons: Sequence[int]) -> list[Claim]:
-    claims = []
-    for N in horizons:
-        short, long = own(study).rmpc(N), own(study).rsmpc(N)
-        rows: list[tuple[str, str, str, str, Callable[[], Finding]]] = [
-            (
-                "nominal_decrease",
-                "without disturbance J falls by at least the stage cost at each sample",
-                "(18), repaired: only without disturbance",
-                f"rmpc-n{N}",
-                partial(predictive_checks.nominal_decrease, short, seed=study.seed),
-            ),
-            (
-                "nominal_decrease.printed",
-                "J falls by at least the stage cost at each sample, under any disturbance of W",
-                "(18), (21)",
-                f"rmpc-n{N}",
-                partial(predictive_checks.disturbed_decrease, short),
-            ),
-            (
-                "suboptimality32",
-                "without disturbance the cost of the whole run stays below beta J(t0)",
-                "(32), repaired: only without disturbance, J being J^1",
-                f"rsmpc-n{N}",
-                partial(predictive_checks.suboptimality, long, seed=study.seed),
-            ),
-            (
-                "suboptimality32.printed",
-                "the cost of the whole run stays below beta J(t0), under any disturbance of W",
-                "(30)-(32)",
-                f"rsmpc-n{N}",
-                partial(predictive_checks.disturbed_suboptimality, long),
-            ),
-        ]
-        claims += [
-            Claim(
-                name=f"stopping.{name}",
-                statement=statement,
-                source=f"{PAPER}, {source}",
-                check=check,
-                controller=controller,
-            )
-            for name, statement, source, controller, check in rows
-        ]
-    return claims
 
 
 def _feasibility(study: Study, horizons: Sequence[int], full: bool) -> list[Claim]:
-    statement = "once feasible, always feasible and within the bounds, whatever disturbance of W acts"
+    statement = (
+        "once feasible, always feasible and within the bounds, whatever disturbance of W acts on the linear model that "
+        "the law plans with"
+    )
     runs = RUNS_FULL if full else RUNS
     claims = []
+    chosen = {"recursive_feasibility": (own(study), "")}
+    if full:
+        chosen |= {
+            f"recursive_feasibility.config_{name}": (
+                dataclasses.replace(own(study), config=config),
+                f", in configuration {name}",
+            )
+            for name, config in CONFIGS.items()
+            if config != own(study).config
+        }
     for kind in ("rmpc", "rsmpc"):
         for N in horizons:
-            claims.append(
-                Claim(
-                    name="stopping.recursive_feasibility",
-                    statement=statement,
-                    source=f"{PAPER}, (14)-(18), (26)-(29), with the repaired sets",
-                    check=partial(_feasible, study, own(study), kind, N, runs),
-                    controller=f"{kind}-n{N}",
-                )
-            )
-            others = {name: config for name, config in CONFIGS.items() if full and config != own(study).config}
             claims += [
                 Claim(
-                    name=f"stopping.recursive_feasibility.config_{name}",
-                    statement=f"{statement}, in configuration {name}",
+                    name=f"stopping.{name}",
+                    statement=f"{statement}{said}",
                     source=f"{PAPER}, (14)-(18), (26)-(29), with the repaired sets",
-                    check=partial(_feasible, study, dataclasses.replace(own(study), config=config), kind, N, runs),
+                    check=partial(_feasible, study, settings, kind, N, runs),
                     controller=f"{kind}-n{N}",
+                    role=Role.REPAIRED,
+                    replay=partial(_feasible_at, settings, kind, N),
                 )
-                for name, config in others.items()
+                for name, (settings, said) in chosen.items()
             ]
-    claims += [
-        Claim(
-            name=f"stopping.recursive_feasibility.{name}",
-            statement=f"negative control: {statement}, with {wrong}",
-            source="ours: it must be refuted, which shows that the check can fail",
-            check=partial(
-                _feasible, study, dataclasses.replace(own(study), tube=control), "rmpc", CONTROL_HORIZON, RUNS
-            ),
-            controller=f"rmpc-n{CONTROL_HORIZON}",
+    for name, (control, wrong) in CONTROLS.items():
+        settings = dataclasses.replace(own(study), tube=control)
+        claims.append(
+            Claim(
+                name=f"stopping.recursive_feasibility.{name}",
+                statement=f"negative control: {statement}, with {wrong}",
+                source="ours: it must be refuted, which shows that the check can fail",
+                check=partial(_feasible, study, settings, "rmpc", CONTROL_HORIZON, RUNS, until_first=True),
+                controller=f"rmpc-n{CONTROL_HORIZON}",
+                role=Role.CONTROL,
+                replay=partial(_feasible_at, settings, "rmpc", CONTROL_HORIZON),
+            )
         )
-        for name, (control, wrong) in CONTROLS.items()
-    ]
     return claims
 
 
-def _feasible(study: Study, chosen: Stopping, kind: str, N: int, runs: int) -> Finding:
+def _deciding(chosen: Stopping, kind: str, N: int) -> Deciding:
+    return chosen.rmpc(N) if kind == "rmpc" else chosen.rsmpc(N)
+
+
+def _feasible(study: Study, chosen: Stopping, kind: str, N: int, runs: int, *, until_first: bool = False) -> Finding:
     true = chosen.tube_for(control=Control())
-    law: Deciding = chosen.rmpc(N) if kind == "rmpc" else chosen.rsmpc(N)
-    return predictive_checks.recursive_feasibility(law, true.plant, true.bounds, runs=runs, seed=study.seed)
+    return predictive_checks.recursive_feasibility(
+        _deciding(chosen, kind, N), true.plant, true.bounds, runs=runs, seed=study.seed, until_first=until_first
+    )
+
+
+def _feasible_at(chosen: Stopping, kind: str, N: int, witness: Mapping[str, object]) -> float:
+    true = chosen.tube_for(control=Control())
+    return predictive_checks.feasibility_margin(_deciding(chosen, kind, N), true.plant, true.bounds, witness)
 
 
 def _runs(study: Study, data: xr.Dataset, horizons: Sequence[int], seeds: int) -> list[Claim]:
@@ -224,6 +134,8 @@ def _runs(study: Study, data: xr.Dataset, horizons: Sequence[int], seeds: int) -
             source=f"{PAPER}, (14), (26)",
             check=partial(_kept, data, name),
             controller=name,
+            role=Role.OUTCOME,
+            replay=partial(_kept_again, study, name),
         )
         for name in names
         if name.startswith(("rmpc", "rsmpc", "offset-free"))
@@ -235,6 +147,7 @@ def _runs(study: Study, data: xr.Dataset, horizons: Sequence[int], seeds: int) -
             source=f"{PAPER}, section 4",
             check=partial(_stopped, scores, name),
             controller=name,
+            role=Role.OUTCOME,
         )
         for name in names
     ]
@@ -245,6 +158,8 @@ def _runs(study: Study, data: xr.Dataset, horizons: Sequence[int], seeds: int) -
             source=f"{PAPER}, abstract: robustly",
             check=partial(stopping_outcomes.robustly_within, study, name, seeds),
             controller=name,
+            role=Role.PRINTED if name.startswith(("rmpc", "rsmpc")) else Role.REQUIREMENT,
+            replay=partial(stopping_outcomes.robust_margin, study, name),
         )
         for name in (f"{kind}-n{N}" for kind in ("rmpc", "rsmpc", "offset-free") for N in horizons)
     ]
@@ -253,17 +168,19 @@ def _runs(study: Study, data: xr.Dataset, horizons: Sequence[int], seeds: int) -
         claims += [
             Claim(
                 name="stopping.comfort",
-                statement="self-triggering lowers the largest jerk of the brake",
+                statement="self-triggering lowers the largest jerk of the brake in this run",
                 source=f"{PAPER}, section 4",
                 check=partial(_lower, scores, *pair, ("max_jerk",), "m/s^3"),
                 controller=pair[1],
+                role=Role.OUTCOME,
             ),
             Claim(
                 name="stopping.fewer_switches",
-                statement="self-triggering updates and switches the brake command less often",
+                statement="self-triggering updates and switches the brake command less often in this run",
                 source=f"{PAPER}, section 4",
-                check=partial(_lower, scores, *pair, ("updates", "switches"), "1"),
+                check=partial(_lower, scores, *pair, ("updates", "switches"), "samples"),
                 controller=pair[1],
+                role=Role.OUTCOME,
             ),
         ]
     return claims
@@ -271,53 +188,86 @@ def _runs(study: Study, data: xr.Dataset, horizons: Sequence[int], seeds: int) -
 
 def _kept(data: xr.Dataset, name: str) -> Finding:
     one = data.sel(controller=name)
-    excess, lost = one["bound_excess"].values, one["infeasible"].values
+    excess, without = one["bound_excess"].values, np.flatnonzero(one["infeasible"].values > 0)
     if np.isnan(excess).all():
-        return undecided("the run has no finite sample")
+        return undecided("nothing of a run of this law was recorded; it was refused, or met an error at once")
     k = int(np.nanargmax(excess))
     worst = float(excess[k])
-    without = np.flatnonzero(lost > 0)
-    held = worst <= ROUNDING and not without.size
-    method = f"every sample of the run; {without.size} without a plan"
+    method = f"every sample of one run; {without.size} without a plan"
     if without.size:
-        method += f", at first: {one['stopped'].values!s}"
+        return Finding(
+            grounds=Grounds.RUN,
+            margin=-float(without.size),
+            unit="samples without a plan",
+            weak=True,
+            witness={"sample": int(without[0]), "samples without a plan": without, "excess": worst, "trial": 1},
+            method=f"{method}, at first: {one['stopped'].values!s}",
+        )
+    if worst <= ROUNDING and not _stood(one):
+        return undecided("the train did not stand at the end of this run, which so is no whole stop")
     return Finding(
-        standing=Standing.SUPPORTED if held else Standing.REFUTED,
+        grounds=Grounds.RUN,
         margin=ROUNDING - worst,
         unit="units of the bound",
-        witness={"sample": int(without[0]) if without.size else k, "excess": worst},
-        method=method,
+        weak=True,
+        bound=worst,
+        bound_unit="units of the bound, the largest excess",
+        witness={"sample": k, "excess": worst, "trial": 1},
+        method=f"{method}, {ROUNDING:g} counts as rounding",
     )
 
 
+def _kept_again(study: Study, name: str, witness: Mapping[str, object]) -> float:
+    """Return the margin of a law's plans and bounds in a run of the law alone, at the sample of a witness."""
+    alone = run(dataclasses.replace(study, controllers={name: study.controllers[name]}), show_progress=False)
+    one = alone.data.sel(controller=name)
+    if "samples without a plan" in witness:
+        return -float((one["infeasible"].values > 0).sum())
+    return ROUNDING - float(one["bound_excess"].values[int(str(witness["sample"]))])
+
+
+def _stood(one: xr.Dataset) -> bool:
+    return bool(np.isfinite(one["stop_position"]))
+
+
 def _stopped(scores: Scores, name: str) -> Finding:
-    error = scores[name]["stop_error_cm"]
+    error = scores.get(name, {}).get("stop_error_cm")
     if error is None:
-        witness = {"stop_error_cm": None, "stopped": False}
-        return Finding(standing=Standing.REFUTED, method="the train never stopped in the run", witness=witness)
+        return Finding(
+            grounds=Grounds.RUN,
+            holds=error is not None,
+            method="the train never stopped in this run",
+            witness={"stop_error_cm": error, "stopped": error is not None, "trial": 1},
+        )
     return Finding(
-        standing=Standing.SUPPORTED if within_window(error) else Standing.REFUTED,
-        margin=LIMIT_CM - abs(error),
+        grounds=Grounds.RUN,
+        margin=room_cm(error),
         unit="cm",
-        witness={"stop_error_cm": error},
-        method="the first zero of the speed, interpolated between fine steps of the continuous plant",
+        weak=True,
+        bound=error,
+        bound_unit="cm, where it stops beyond the mark",
+        witness={"stop_error_cm": error, "trial": 1},
+        method="one run; the first zero of the speed, interpolated between fine steps of the continuous plant",
     )
 
 
 def _lower(scores: Scores, before: str, after: str, metrics: Sequence[str], unit: str) -> Finding:
     """Compare metrics of two laws: the second must have less of each."""
+    for law in (before, after):
+        if scores.get(law, {}).get("stop_error_cm") is None:
+            return undecided(f"{law} never stopped in this run, so that nothing of it can be told of a whole stop")
     values = {metric: (scores[before][metric], scores[after][metric]) for metric in metrics}
     gains = [first - second for first, second in values.values() if first is not None and second is not None]
     if len(gains) < len(metrics):
-        return undecided(f"a metric is missing: {values}")
+        return undecided(f"{' or '.join(metrics)} was not recorded for {before} or {after}")
     return Finding(
-        standing=Standing.SUPPORTED if min(gains) > 0 else Standing.REFUTED,
+        grounds=Grounds.RUN,
         margin=min(gains),
         unit=unit,
         witness={
             f"{metric}, {law}": pair[i] for metric, pair in values.items() for i, law in enumerate((before, after))
         },
-        method="metrics of the two runs, the same line and horizon",
+        method="metrics of one run of each, the same line and horizon",
     )
 
 
@@ -347,7 +297,8 @@ def _conclude(campaign: Campaign, verdicts: Sequence[Verdict]) -> list[str]:
     if outside:
         names = ", ".join(str(verdict.controller) for verdict in outside)
         paragraphs.append(
-            f"Nothing keeps {names} within 50 cm for every resistance inside W: the tube alone allows metres. What "
+            f"Nothing keeps {names} within 50 cm for every resistance inside W: the tube alone allows metres, and an "
+            "estimate from the last sample comes too late for a resistance that steps shortly before the mark. What "
             "stops the train near the mark on this line is that its last grade is small."
         )
     if jerky:

@@ -6,11 +6,105 @@ from collections.abc import Callable, Sequence
 
 from studies.stopping import outcomes
 from studies.stopping.settings import Stopping, own
+from workbench.contracts.claim import Expectations, Expected
 from workbench.contracts.examination import Table
+from workbench.contracts.finding import Standing
 from workbench.trials.campaign import Campaign
 
 GAINS = ((0.3, 0.1, 0.1), (0.5, 0.05, 0.0), (1.0, 0.3, 0.3))
 BETAS = (1.0, 1.5, 3.0)
+
+P, S, R = Standing.PROVED, Standing.SUPPORTED, Standing.REFUTED
+FREE = ("offset-free-n3", "offset-free-n5", "offset-free-n8", "offset-free-n10", "offset-free-n15")
+EXPECTED: Expectations = {
+    "schur": (Expected(standing=P, why="the gain is that of a regulator, and a rational certificate is found"),),
+    "hurwitz_as_printed": (
+        Expected(standing=R, why="the loop is sampled: its slow poles lie near +1, on the right of the imaginary axis"),
+    ),
+    "lyapunov": (Expected(standing=S, why="P solves (19), up to the rounding of the solver"),),
+    "lmi20": (Expected(standing=S, why="(20) is (19) by a Schur complement: singular at equality, up to rounding"),),
+    "tube_inside": (Expected(standing=S, why="the tube is narrow beside the bounds of 2 m/s and 12 m"),),
+    "rpi": (Expected(standing=S, why="Sigma is computed as the largest invariant set, up to rounding"),),
+    "horizon27": (
+        Expected(standing=S, why="a short hold widens the tube little"),
+        Expected(
+            standing=R,
+            why="without feedback for 12 samples and more the tube grows beyond Sigma; such holds are never offered",
+            controllers=("rsmpc-n15",),
+        ),
+        Expected(
+            standing=R,
+            why="the invariant set of the fast gain is smaller: holds of 5 samples and more leave it",
+            controllers=("rsmpc-n8", "rsmpc-n10", "rsmpc-n15"),
+            cases=("B",),
+        ),
+    ),
+    "tightening_sound": (
+        Expected(standing=S, why="the extreme disturbances use up what the bounds were tightened by, and no more"),
+    ),
+    "nominal_decrease": (Expected(standing=S, why="the plan's rest, continued by its feedback, is a plan: (19)"),),
+    "nominal_decrease.printed": (
+        Expected(standing=R, why="at rest J is 0, and a disturbance makes it positive at the next sample"),
+    ),
+    "suboptimality32": (Expected(standing=S, why="the trigger gives up no more than beta allows, sample by sample"),),
+    "suboptimality32.printed": (
+        Expected(standing=R, why="at rest J is 0, and a lasting disturbance costs something at every sample"),
+    ),
+    "recursive_feasibility": (Expected(standing=S, why="with the repaired sets each plan's rest stays a plan"),),
+    "recursive_feasibility.config_A": (Expected(standing=S, why="the repaired sets do not depend on the gain"),),
+    "recursive_feasibility.config_B": (Expected(standing=S, why="the repaired sets do not depend on the gain"),),
+    "recursive_feasibility.index_off_by_one": (
+        Expected(standing=R, why="the tube has a term too many, so that a plan's rest is no plan of the next sample"),
+    ),
+    "recursive_feasibility.ignore_delay": (
+        Expected(standing=R, why="what happens within the dead time moves the train beyond bounds made without it"),
+    ),
+    "tightened_bounds": (Expected(standing=S, why="the line's resistance lies inside W, and so does the random one"),),
+    "stop_within_50cm": (
+        Expected(standing=S, why="the last grade is small: what resists at the mark moves the stop by 21 to 48 cm"),
+        Expected(
+            standing=S,
+            why="its gains are those of a grid of ours; the paper prints none",
+            controllers=("pid",),
+            published="28.98 cm",
+        ),
+        Expected(
+            standing=S,
+            why="the resistance is known; the paper's distance is that of its Euler model",
+            controllers=("ideal-mpc",),
+            published="5.95 cm",
+        ),
+        Expected(standing=S, why="the resistance is estimated, and steps no more near the mark", controllers=FREE),
+        Expected(
+            standing=R,
+            why="this random resistance is large at the mark, and the longest holds correct too late",
+            controllers=("rsmpc-n15",),
+            cases=("random",),
+        ),
+    ),
+    "stop_within_50cm.all_w": (
+        Expected(standing=R, why="0.30 m/s^2 all the way stops the train more than 1 m short: the tube allows metres"),
+        Expected(
+            standing=R,
+            why="a step of the resistance at 390 m comes too late: the dead time and the lag pass before it is met",
+            controllers=FREE,
+        ),
+    ),
+    "comfort": (
+        Expected(standing=R, why="the brake is corrected rarely and then at once, which jerks more"),
+        Expected(
+            standing=R,
+            why="the largest jerk is that of the start, for the brake begins released: it is not lowered",
+            controllers=("rsmpc-n3", "rsmpc-n5"),
+            cases=("cold",),
+        ),
+    ),
+    "fewer_switches": (
+        Expected(standing=S, why="that is what self-triggering is for", published="fewer updates at every N"),
+    ),
+    "does_not_diverge": (Expected(standing=Standing.SUPPORTED, why="every law brings the train to a stand"),),
+}
+"""How the claims are expected to stand, at the shortest and the longest horizon and in every case as shipped."""
 
 
 def published(campaign: Campaign, *, seeds: int) -> list[Table]:

@@ -2,59 +2,143 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
 
 import casadi as ca
 import numpy as np
 
-from models.expression import Expression
 from models.plant import Plant
-from workbench.contracts.verdict import Finding, Standing, undecided
+from studies.variable_gain.law_equations import LawEquations
+from verification.checks.polynomial import Form, forms
+from workbench.contracts.claim import Held
+from workbench.contracts.finding import Finding, Grounds, undecided
+from workbench.graph import jacobian, read
+
+STATE = (450.0, 15.0)
+"""Position and speed at which a compiled plant is asked for its direct term again."""
+ROUNDING = 1e-9
+"""What a difference of two compiled rates may be off by."""
 
 
-def input_matrix(plant: Plant) -> tuple[Expression, Expression]:
-    """Return h_x (outputs by states) and B = d(dx/dt)/du (states by 1) of a plant as exact expressions (SX).
+def rates(plant: Plant) -> ca.Function:
+    """Return dy/dt of a plant in continuous time as a Function of x, u, w and t."""
+    x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u", len(plant.inputs))
+    w, t = ca.SX.sym("w", len(plant.disturbances)), ca.SX.sym("t")
+    rate = ca.jtimes(plant.measured(x), x, plant.slope(x, u, w, t))
+    return ca.Function("rates", [x, u, w, t], [rate], ["x", "u", "w", "t"], ["rate"])
 
-    The plant has one input, no disturbance and gives ``rhs``.
-    """
-    x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u")
-    slope = plant.slope(x, u, ca.SX(len(plant.disturbances), 1), 0)
-    return ca.jacobian(plant.measured(x), x), ca.simplify(ca.jacobian(slope, u))
+
+def direct_terms(plant: Plant) -> list[list[Form]]:
+    """Return d(dy/dt)/du as normal forms, outputs by inputs, in all states, inputs and disturbances at once."""
+    slopes = jacobian(read(rates(plant)), "rate", "u")
+    return forms(slopes)[slopes.outputs[0].name]
+
+
+def measured_term(plant: Plant, output: int, state: Sequence[float] = STATE, u: float = 0.0) -> float:
+    """Return d(dy/dt)/du of one output by one more unit of input, computed by the compiled plant in one state."""
+    rate, rest = rates(plant), np.zeros(len(plant.disturbances))
+    more, less = (float(rate(state, force, rest, 0)[output]) for force in (u + 1.0, u))
+    return more - less
+
+
+def held_terms(plant: Plant, finding: Finding) -> Held:
+    """Hold a proved direct term against the compiled plant in a hundred states, with forces of either sign."""
+    rng, tries = np.random.default_rng(0), 100
+    names = [signal.name for signal in plant.outputs]
+    witness = finding.witness or {}
+    output, proved = names.index(str(witness["output"])), float(str(witness["d(dy/dt)/dF"]))
+    least: float = ROUNDING
+    where: dict[str, object] = {}
+    for state, u in zip(rng.uniform([-50, -25], [1550, 25], (tries, 2)), rng.uniform(-2, 2, tries), strict=True):
+        room = ROUNDING - abs(abs(measured_term(plant, output, state, float(u))) - proved)
+        if not where or room < least:
+            least, where = room, {"state": state.tolist(), "u": float(u)}
+    return Held(tries, least, where)
 
 
 def spectral_radius(plant: Plant, lam: float) -> Finding:
-    """Find the spectral radius of I - h_x [0, B] lambda for two states and outputs, u = [0, F] as the patent has it."""
-    h_x, b = (ca.evalf(matrix).full() for matrix in input_matrix(plant))
-    direct = h_x @ np.column_stack([np.zeros(2), b])
-    eigenvalues = np.sort(np.linalg.eigvals(np.eye(2) - lam * direct).real)
-    radius = float(np.abs(eigenvalues).max())
+    """Find the spectral radius of I - h_x B lambda for two outputs and u = [0, F], as the patent has it.
+
+    A plant with two inputs of its own keeps them. With the eigenvalues 1 - lambda d of a triangular h_x B the radius
+    is below 1 for every gain in (0, lambda] if it is for lambda itself.
+    """
+    terms = [[form.constant for form in row] for row in direct_terms(plant)]
+    if len(terms) != 2 or any(one is None for row in terms for one in row):
+        return undecided("h_x B is no constant matrix of two rows here, so it has no exact eigenvalues")
+    direct = [[one or Fraction(0) for one in row] for row in terms]
+    direct = [[Fraction(0), *row] if len(row) == 1 else row for row in direct]
+    if direct[0][1] != 0 and direct[1][0] != 0:
+        return undecided("h_x B is not triangular, so its eigenvalues are not read off its diagonal")
+    eigenvalues = [1 - Fraction(lam) * direct[i][i] for i in range(2)]
+    radius = max(abs(one) for one in eigenvalues)
     return Finding(
-        standing=Standing.REFUTED if radius >= 1 else Standing.PROVED,
-        method="exact algebra: h_x and B come from the plant's equations; the first row of h_x B is zero, so "
-        "I - h_x B lambda has the eigenvalue 1 (position) for every lambda, beside 1 - b lambda (speed)",
-        margin=1 - radius,
+        grounds=Grounds.ALGEBRA,
+        method="h_x B from the plant's equations, in rational arithmetic and the same in every state; it is "
+        "triangular, so the eigenvalues of I - h_x B lambda stand on its diagonal",
+        margin=float(1 - radius),
         unit="1",
-        witness={"lambda": lam, "h_x_B": direct, "eigenvalues": eigenvalues},
+        bound=float(radius),
+        bound_unit="1",
+        witness={
+            "lambda": lam,
+            "h_x_B": [[float(one) for one in row] for row in direct],
+            "eigenvalues": sorted(float(one) for one in eigenvalues),
+        },
     )
 
 
-def contraction(plant: Plant, output: int, gains: Sequence[float]) -> Finding:
-    """Bound |1 - b lambda| between the least and the largest gain, b = d(dy/dt)/du of one output."""
-    h_x, column = input_matrix(plant)
-    direct = ca.simplify(h_x[output, :] @ column)
-    if ca.symvar(direct):
-        return undecided("the input gain depends on the state: no exact bound")
-    b = float(ca.evalf(direct))
-    factors = {lam: abs(1 - b * lam) for lam in gains}
-    worst = max(factors, key=lambda lam: factors[lam])
-    return Finding(
-        standing=Standing.PROVED if factors[worst] < 1 else Standing.REFUTED,
-        method="exact algebra: dv/dt is affine in F with the constant factor b, and |1 - b lambda| is convex in "
-        "lambda, so its largest value is at an end of the range of gains",
-        margin=1 - factors[worst],
-        unit="1",
-        witness={"b": b, "lambda": worst, "factor": factors[worst]},
+def contraction(plant: Plant, output: int, law: LawEquations) -> Finding:
+    """Bound |1 - b lambda| over all gains that a law can take, b = d(dy/dt)/du of one output."""
+    (term,) = direct_terms(plant)[output]
+    b, gains = term.constant, law.gains
+    if b is None:
+        return undecided("the input gain depends on state, input or time: a bound of it over all of them would decide")
+    factor = max(abs(1 - b * gains.low), abs(1 - b * gains.high))
+    how = "lambda is a setting" if gains.fixed else "lambda from the law's own equations, whatever the errors are"
+    method = (
+        "dv/dt is affine in F with the factor b, the same in every state, by rational arithmetic; "
+        f"{how}; |1 - b lambda| is convex in lambda, so it is largest at an end"
     )
+    if factor < 1:
+        return Finding(
+            grounds=Grounds.ALGEBRA if gains.fixed else Grounds.ENCLOSURE,
+            method=method,
+            margin=float(1 - factor),
+            unit="1",
+            bound=float(factor),
+            bound_unit="1",
+            witness={"b": float(b), "least lambda": float(gains.low), "largest lambda": float(gains.high)},
+        )
+    tried = {i: law.attained(row) for i, row in enumerate(gains.tried)}
+    worst = max(tried, key=lambda i: abs(1 - float(b) * tried[i]))
+    reached = abs(1 - b * Fraction(tried[worst]))
+    if reached < 1:
+        return undecided(
+            f"the bound of |1 - b lambda| is {float(factor):.4g}, and no errors were found that reach 1",
+            b=float(b),
+            factor=float(reached),
+        )
+    return Finding(
+        grounds=Grounds.ALGEBRA if gains.fixed else Grounds.ENCLOSURE,
+        method=method,
+        margin=float(1 - reached),
+        unit="1",
+        bound=float(reached),
+        bound_unit="1",
+        witness={
+            "b": float(b),
+            "lambda": tried[worst],
+            "factor": float(reached),
+            "speed_error": gains.tried[worst].tolist() if not gains.fixed else None,
+        },
+    )
+
+
+def contracts_at(plant: Plant, output: int, law: LawEquations, witness: Mapping[str, object]) -> float:
+    """Return 1 - |1 - b lambda| at a witness, b by the compiled plant and lambda by the compiled law."""
+    error = np.asarray(witness["speed_error"] or [], dtype=float)
+    return 1 - abs(1 - measured_term(plant, output) * law.attained(error))
 
 
 def answers_at_once(plant: Plant, outputs: Sequence[str]) -> Finding:
@@ -63,14 +147,27 @@ def answers_at_once(plant: Plant, outputs: Sequence[str]) -> Finding:
     That is the relative degree of ``rhs``; the plant's ``relative_degree`` is that of ``step``, where a force held
     over a sample moves the position too.
     """
-    h_x, b = input_matrix(plant)
-    values = ca.evalf(h_x @ b).full().ravel()
-    direct = dict(zip([signal.name for signal in plant.outputs], values, strict=True))
-    least = min(outputs, key=lambda output: abs(direct[output]))
+    direct = dict(zip([signal.name for signal in plant.outputs], direct_terms(plant), strict=True))
+    values: dict[str, Fraction] = {}
+    for output in outputs:
+        found = [form.constant for form in direct[output]]
+        if any(one is None for one in found):
+            return undecided(
+                f"d(d{output}/dt)/dF depends on state, input or time: a bound of it over all of them would decide"
+            )
+        values[output] = max(abs(one) for one in found if one is not None)
+    least = min(outputs, key=lambda output: values[output])
     return Finding(
-        standing=Standing.PROVED if direct[least] != 0 else Standing.REFUTED,
-        method="exact algebra: d(dy/dt)/dF of every output from the plant's equations",
-        margin=abs(float(direct[least])),
+        grounds=Grounds.ALGEBRA,
+        method="d(dy/dt)/dF of every output from the plant's equations, in rational arithmetic and the same in every "
+        "state",
+        margin=float(values[least]),
         unit="output/s per input unit",
-        witness={"output": least, "d(dy/dt)/dF": float(direct[least])},
+        witness={"output": least, "d(dy/dt)/dF": float(values[least])},
     )
+
+
+def answers_at(plant: Plant, witness: Mapping[str, object]) -> float:
+    """Return how far an output's slope moves with one more unit of input, by the compiled plant."""
+    names = [signal.name for signal in plant.outputs]
+    return abs(measured_term(plant, names.index(str(witness["output"]))))

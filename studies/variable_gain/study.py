@@ -59,6 +59,7 @@ def figures(study: Study, data: xr.Dataset) -> Mapping[str, Draw]:
 
 
 NOISE, MISMATCH, NOT_LEARNED = "noise", "mismatch", "without-initial-learning"
+SMOOTHED, FROM_POSITION = "noise-smoothed", "learning-from-position"
 """Names of cases."""
 
 STUDY = Study(
@@ -78,9 +79,9 @@ STUDY = Study(
     cases={
         NOT_LEARNED: {"controllers.variable.initial_learning": False, "controllers.fixed.initial_learning": False},
         NOISE: {"noise.sigma": 0.02},
-        "noise-smoothed": {"noise.sigma": 0.02, "controllers.variable.smoothing_s": 1.0},
+        SMOOTHED: {"noise.sigma": 0.02, "controllers.variable.smoothing_s": 1.0},
         MISMATCH: {"truth.input_gain.factor": 2.1},
-        "learning-from-position": {"controllers.fixed.learns": "position"},
+        FROM_POSITION: {"controllers.fixed.learns": "position"},
     },
     renamed={"noise.speed_sigma": "noise.sigma", "gain_mismatch": "truth.input_gain.factor"},
     gone={

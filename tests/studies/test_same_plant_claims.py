@@ -14,9 +14,9 @@ from models.point_mass import PointMass
 from studies.same_plant.claims import whose_proof
 from verification.checks.linear_loop import incremental_pid, observed, positional_pid, spectral_radius
 from verification.decide.verify import verify
+from workbench.contracts.finding import Standing
 from workbench.contracts.scenario import Between
 from workbench.contracts.study import Study
-from workbench.contracts.verdict import Standing
 from workbench.controllers.cfdl import CFDL
 from workbench.controllers.fipid import FIPID
 from workbench.controllers.pid import PID
@@ -115,7 +115,7 @@ def test_claims_follow_from_what_laws_declare_whatever_they_are_called():
     done = compare(dataclasses.replace(SMALL, controllers=own), [*own], ["budget=1", "trials=2"], show_progress=False)
     names = {(v.claim.split(".", 1)[1], v.controller) for v in verify(done, show_progress=False).verdicts}
     assert names == {
-        *(("unsaturated", name) for name in own),
+        *((claim, name) for claim in ("unsaturated", "does_not_diverge") for name in own),
         ("stable_loop", "one"),
         ("stable_loop", "two"),
         ("f_continuous", "two"),

@@ -9,8 +9,9 @@ from matplotlib import pyplot as plt
 from models import Plant, declared, quantity, signal, signals, table
 from models.discretise import RK4
 from workbench import Law, Study
+from workbench.contracts.claim import Claim
+from workbench.contracts.finding import Finding
 from workbench.contracts.law import Channels
-from workbench.contracts.verdict import Claim, Finding, Standing
 from workbench.controllers.parts.rows import known
 
 LEVELS, PUMPS = (12.4, 12.7, 1.8, 1.4), (3.0, 3.0)
@@ -126,9 +127,7 @@ def never_empty(study, data):
 
     def check():
         lowest = min(float(data[name].min()) for name in names)
-        if lowest > 0:
-            return Finding(standing=Standing.SUPPORTED, method="all recorded trials", margin=lowest, unit="cm")
-        return Finding(standing=Standing.REFUTED, method="all recorded trials", witness={"lowest": lowest}, unit="cm")
+        return Finding(margin=lowest, unit="cm", witness={"lowest": lowest}, method="all recorded trials")
 
     return [Claim(name="quadruple-tank.never_empty", statement="No tank runs empty.", source="ours", check=check)]
 

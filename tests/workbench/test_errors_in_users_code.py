@@ -17,7 +17,7 @@ import numpy as np
 
 from models import Plant, count, declared, quantity, signals
 from workbench import Law, Study, TrialLength, run
-from workbench.contracts.verdict import Claim
+from workbench.contracts.claim import Claim
 from workbench.controllers import PD
 
 TABLE = np.arange(50.0)

@@ -36,7 +36,7 @@ class 小车(Plant):
 
 study = Study(
     name="研究", title="一个研究", plant=小车(), reference=10 * np.sin(np.linspace(0, np.pi, 31)),
-    controllers={"控制": PD(kp=500.0, kd=0.0)}, trials=3,
+    controllers={"控制": PD(kp=500.0, kd=0.0)}, trials=6,
 )
 """
 

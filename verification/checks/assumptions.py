@@ -15,100 +15,20 @@ from scipy import stats
 
 from models.array import Array
 from models.plant import Plant
+from verification.checks.delayed import delayed_box, delayed_output, delayed_slope
 from verification.checks.domain import described
-from verification.checks.premises import one_channel, same_but_for_the_input
-from verification.checks.row_sums import off_diagonal, slope_bounds
-from verification.checks.slope import slope
+from verification.checks.row_sums import SlopeBounds, off_diagonal
 from verification.enclosure.bounds import bound, prove_positive
 from verification.enclosure.box import Box
-from verification.enclosure.reach import Reach
 from verification.enclosure.smoothness import continuous_on
-from workbench.contracts.number import finite
+from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.contracts.study import Study
-from workbench.contracts.verdict import Finding, Standing, undecided
 from workbench.evidence.lifted import Lifted
 from workbench.evidence.ppd import Evidence, gain_unit, learned_signal, units_of
 from workbench.evidence.trajectory import Lineariser, rollout
-from workbench.graph import Graph, call, read
 
 LOOSE = 1e3  # times the row sum along the run: a bound above that is called loose
 SIGNIFICANCE = 1e-3  # of the sampler's test, over all lengths together
-
-
-def delayed_output(plant: Plant, degree: int) -> ca.Function:
-    """Return y(k+d) of the first output as a Function of x, u (now), later inputs held at ``later``, w and k."""
-    at = plant.symbols()
-    x, u = at["x"], at["u"]
-    later = ca.SX.sym("later", u.shape[0], degree - 1)
-    for step in range(degree):
-        x = plant.next_state(x, u if step == 0 else later[:, step - 1], at["w"], at["k"] + step)
-    y = plant.measured(x)[0]
-    return ca.Function("delayed_output", [*at.values(), later], [y], [*at, "later"], ["y"])
-
-
-def _delayed_box(box: Box, degree: int) -> Box:
-    low, high = box["u"]
-    later = (np.tile(low, (1, degree - 1)), np.tile(high, (1, degree - 1)))
-    return Box({**dict(box), "later": later if degree > 1 else (np.zeros((low.size, 0)), np.zeros((low.size, 0)))})
-
-
-def _slope(function: ca.Function) -> Graph:
-    """Return the exact derivative of the output ``y`` by the first entry of ``u``, as a graph."""
-    return slope(read(function), "y", "u")
-
-
-def continuous_slope(plant: Plant, box: Box, degree: int = 1) -> Finding:
-    """A1: the derivative of y(k+d) by u(k) exists and is continuous on the box.
-
-    PROVED where no operation that jumps, has a pole or leaves its domain can be reached in f or df/du; REFUTED where
-    df/du has different values on the two sides of a point.
-    """
-    f = delayed_output(plant, degree)
-    inner = _delayed_box(box, degree)
-    for what, function in (("f", f), ("df/du", _slope(f))):
-        found = continuous_on(function, inner)
-        if found.proved:
-            continue
-        for reach in found.reaches:
-            broken = _broken(f, reach)
-            if broken:
-                return Finding(
-                    standing=Standing.REFUTED,
-                    margin=-broken[0],
-                    unit=gain_unit(*units_of(plant)),
-                    witness={**broken[1], "operation": f"{reach.operation.name} in {reach.operation.expression}"},
-                    method=f"a {reach.operation.kind} of {what} is reached; f or df/du differs on its two sides",
-                )
-        return undecided(f"continuity of {what} on the box could not be shown: {found.reason}")
-    return Finding(
-        standing=Standing.PROVED,
-        method=f"no jump, pole or end of a domain of f and df/du is reached, by intervals, for {described(plant, box)}",
-    )
-
-
-def _broken(f: ca.Function, reach: Reach) -> tuple[float, dict[str, object]] | None:
-    """Return how far df/du breaks off, and where, by looking at both sides of a critical point along u, or None."""
-    if reach.reachable != "yes" or reach.point is None:
-        return None
-    at = {name: value[0] for name, value in reach.point.items()}
-    u = float(at["u"][0, 0])
-    step = 1e-6 * max(1.0, abs(u))
-    values: dict[str, float] = {}
-    heights: dict[str, float] = {}
-    slopes = _slope(f)
-    for side, shift in (("left", -step), ("right", step)):
-        moved = {**at, "u": at["u"] + shift * np.eye(at["u"].size, 1)}
-        values[side] = float(call(slopes, moved)["slope"][0, 0])
-        heights[side] = float(f.call(moved)["y"])
-    scale = max(abs(values["left"]), abs(values["right"]))
-    across = (heights["right"] - heights["left"]) / (2 * step)
-    jumps = np.isfinite(across) and abs(across) > 1e3 * max(scale, 1e-12)
-    if np.isfinite(scale) and abs(values["right"] - values["left"]) <= 1e-3 * scale and not jumps:
-        return None
-    point = {name: value.ravel().tolist() for name, value in at.items() if value.size}
-    found = {"point": point, "step": step, "slope_left": values["left"], "slope_right": values["right"]}
-    place = {**found, "value_left": heights["left"], "value_right": heights["right"]}
-    return abs(values["right"] - values["left"]), place
 
 
 def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
@@ -117,30 +37,36 @@ def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     A plant without memory is proved to have it. For one with memory a pair of input sequences is built whose ratio
     grows without bound: an earlier difference du(j) is kept while du(k) goes to 0.
     """
-    if not _remembers(plant, evidence):
-        f, inner = delayed_output(plant, evidence.degree), _delayed_box(box, evidence.degree)
-        found = bound(_slope(f), inner)
-        if np.isfinite([found.lower, found.upper]).all() and continuous_on(f, inner).proved:
+    if not remembers(plant, evidence):
+        f, inner = (
+            delayed_output(plant, evidence.degree, increment=evidence.increment),
+            delayed_box(box, evidence.degree),
+        )
+        found = bound(delayed_slope(f), inner)
+        ends = [found.lower, found.upper]
+        if np.isfinite(ends).all() and continuous_on(f, inner).proved:
             return Finding(
-                standing=Standing.PROVED,
-                margin=max(abs(found.lower), abs(found.upper)),
-                unit=gain_unit(*units_of(plant)),
-                method="the output depends on no earlier input; p, the margin, is the largest |df/du| for "
-                f"{described(plant, box)}",
+                grounds=Grounds.ENCLOSURE,
+                holds=bool(np.isfinite(ends).all()),
+                bound=max(abs(found.lower), abs(found.upper)),
+                bound_unit=gain_unit(*units_of(plant)),
+                method=f"the output depends on no earlier input; p is the largest |df/du| for {described(plant, box)}",
             )
     built = vanishing_difference(plant, evidence)
     largest = _largest_ratio(evidence)
     growth = [float(np.nanmax(np.abs(row))) for row in evidence.ratio[1:] if np.isfinite(row).any()]
     if built is None:
         return Finding(
-            standing=Standing.SUPPORTED,
-            margin=max(growth, default=None),
-            unit=gain_unit(*units_of(plant)),
+            grounds=Grounds.SEARCH,
+            holds=built is None,
+            bound=max(growth, default=None),
+            bound_unit=gain_unit(*units_of(plant)),
             witness=largest,
-            method="no pair of inputs with an unbounded ratio was found; p, the margin, is the largest of the run",
+            method="no pair of inputs with an unbounded ratio was found by letting one difference vanish; p is the "
+            "largest ratio of the run",
         )
     return Finding(
-        standing=Standing.REFUTED,
+        grounds=Grounds.RUN,
         margin=-built.ratios[-1],
         unit=gain_unit(*units_of(plant)),
         witness={
@@ -160,16 +86,14 @@ def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     )
 
 
-def _remembers(plant: Plant, evidence: Evidence) -> bool:
+def remembers(plant: Plant, evidence: Evidence) -> bool:
     """Tell whether the learned signal at k + d depends on inputs before u(k)."""
     at = plant.symbols()
     before = ca.SX.sym("before", *at["u"].shape)
     x = plant.next_state(at["x"], before, at["w"], at["k"] - 1)
-    signal = delayed_output(plant, evidence.degree)
-    later = ca.SX.sym("later", at["u"].shape[0], evidence.degree - 1)
-    value = signal(x, at["u"], at["w"], at["k"], later)
-    if evidence.increment:
-        value = value - plant.measured(x)[0]
+    signal = delayed_output(plant, evidence.degree, increment=evidence.increment)
+    later = [ca.SX.sym(name, at[of].shape[0], evidence.degree - 1) for name, of in (("v", "u"), ("d", "w"))]
+    value = signal(x, at["u"], at["w"], at["k"], *later)[0]
     return bool(ca.depends_on(value, before[0]))
 
 
@@ -225,38 +149,39 @@ def _largest_ratio(evidence: Evidence) -> dict[str, object]:
     return evidence.witness(int(trial), int(sample))
 
 
-def lipschitz_lifted(plant: Plant, evidence: Evidence, box: Box) -> Finding:
+def lipschitz_lifted(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box: Box) -> Finding:
     """A2 repaired: |ds(k+d)| <= p max over j <= k of |du(j)|, p the largest row sum of |G|.
 
     PROVED over the box where intervals bound it; else SUPPORTED along the last trial's trajectory.
     """
-    unmet = one_channel(plant) or same_but_for_the_input(evidence.study, evidence.law)
-    if unmet:
-        return undecided(unmet)
     along = lifted_along(plant, evidence)
     off, own = along.row_sums()
     p = float((off + own).max())
     at = int((off + own).argmax())
     witness = {"trial": evidence.trajectories.u.shape[0], "sample": at, "row_sum": p, "diagonal": float(own[at])}
-    if evidence.degree == 1:
-        slopes = slope_bounds(plant, box, increment=evidence.increment)
-        rows = off_diagonal(slopes, evidence.trajectories.u.shape[1])
-        total = float(rows.max()) + max(abs(slopes.gain_low), abs(slopes.gain_high))
-        if np.isfinite(total):
-            return Finding(
-                standing=Standing.PROVED,
-                margin=float(np.nextafter(total, np.inf)),
-                unit=gain_unit(*units_of(plant)),
-                witness=witness,
-                method=f"row sums of |G| by intervals for {described(plant, box)}; the margin is p over the box, "
-                f"{total / p:.3g} times that along the last trial's plan, {p:.4g}" + _loose(total, p),
-            )
+    rows = off_diagonal(slopes, evidence.trajectories.u.shape[1])
+    total = float(rows.max()) + max(abs(slopes.gain_low), abs(slopes.gain_high))
+    unit = gain_unit(*units_of(plant))
+    if np.isfinite(total):
+        return Finding(
+            grounds=Grounds.ENCLOSURE,
+            holds=bool(np.isfinite(total)),
+            bound=float(np.nextafter(total, np.inf)),
+            bound_unit=unit,
+            witness=witness,
+            method=f"row sums of |G| by intervals for {described(plant, box)}; p over the box is "
+            f"{total / p:.3g} times that along the last trial's plan, {p:.4g}" + _loose(total, p),
+        )
+    if not np.isfinite(p):
+        return undecided("the row sums along the last trial's plan are not finite")
     return Finding(
-        standing=Standing.SUPPORTED if np.isfinite(p) else Standing.UNDECIDED,
-        margin=finite(p),
-        unit=gain_unit(*units_of(plant)),
+        grounds=Grounds.NUMERICS,
+        holds=bool(np.isfinite(p)),
+        bound=p,
+        bound_unit=unit,
         witness=witness,
-        method="row sums of |G| along the trajectory of the last trial's plan, run to the horizon; the margin is p",
+        method="row sums of |G| along the trajectory of the last trial's plan, run to the horizon; over the box they "
+        f"were not bounded: {slopes.reason or 'the bounds are not finite'}",
     )
 
 
@@ -280,25 +205,40 @@ def trial_lengths(study: Study, lengths: Array) -> Finding:
     The table and p(k) are checked by algebra, the drawn lengths by exact binomial tests of every length (Bonferroni).
     """
     horizon, law = study.horizon, study.scenario.trial_length
-    if study.plant_that_runs.ends:
-        return undecided("trials end by an event of the plant's own, which has no distribution that is known")
-    if law.lengths:
-        return undecided("the lengths are given, not drawn: give a distribution")
     possible, probabilities = law.distribution(horizon)
     if abs(float(np.sum(probabilities)) - 1) > 1e-12 or (probabilities < 0).any():
         witness = {"sum": float(np.sum(probabilities)), "least": float(np.min(probabilities))}
-        return Finding(standing=Standing.REFUTED, witness=witness, method="the table is no distribution")
+        return Finding(
+            grounds=Grounds.SETTINGS,
+            margin=min(-abs(witness["sum"] - 1), witness["least"]),
+            unit="probability",
+            witness=witness,
+            method="the table is no distribution",
+        )
     reach = law.reach_probability(horizon)
     direct = np.array([probabilities[possible >= k].sum() for k in range(horizon + 1)])
     if np.abs(reach - direct).max() > 1e-12:
         k = int(np.abs(reach - direct).argmax())
         witness = {"sample": k, "p": float(reach[k]), "sum_of_p_l": float(direct[k])}
-        return Finding(standing=Standing.REFUTED, witness=witness, method="p(k) is not the sum of the p_l that reach k")
+        return Finding(
+            grounds=Grounds.SETTINGS,
+            margin=-float(np.abs(reach - direct).max()),
+            unit="probability",
+            witness=witness,
+            method="p(k) is not the sum of the p_l that reach k",
+        )
     drawn = np.asarray(lengths, dtype=int)
     outside = np.flatnonzero(~np.isin(drawn, possible))
     if outside.size:
         witness = {"trial": int(outside[0]) + 1, "length": int(drawn[outside[0]])}
-        return Finding(standing=Standing.REFUTED, witness=witness, method="a trial has a length of probability 0")
+        return Finding(
+            grounds=Grounds.RUN,
+            margin=-float(outside.size),
+            unit="trials",
+            tries=int(drawn.size),
+            witness=witness,
+            method="a trial has a length of probability 0",
+        )
     counts = np.array([(drawn == length).sum() for length in possible])
     values = [
         stats.binomtest(int(c), drawn.size, min(float(p), 1.0)).pvalue
@@ -308,7 +248,9 @@ def trial_lengths(study: Study, lengths: Array) -> Finding:
     witness = {"length": int(possible[worst]), "count": int(counts[worst]), "trials": int(drawn.size)}
     adjusted = min(1.0, float(values[worst]) * len(values))
     return Finding(
-        standing=Standing.REFUTED if adjusted < SIGNIFICANCE else Standing.SUPPORTED,
+        grounds=Grounds.TRIES,
+        tries=int(drawn.size),
+        weak=True,
         margin=adjusted - SIGNIFICANCE,
         unit="probability",
         witness=witness,
@@ -322,16 +264,15 @@ def sign_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     usable = np.isfinite(evidence.ratio)
     if not usable.any():
         return undecided("no two trials reached the same sample with different inputs")
-    if not _remembers(plant, evidence):
+    if not remembers(plant, evidence):
         return sign_partial(plant, evidence, box)
-    if (unlike := same_but_for_the_input(evidence.study, evidence.law)) is not None:
-        return undecided(unlike)
     share = float((evidence.ratio[usable] <= 0).mean())
     if share > 0:
         weight = np.where(usable & (evidence.ratio <= 0), np.abs(np.nan_to_num(evidence.du)), -1.0)
         trial, sample = (int(i) for i in np.unravel_index(int(weight.argmax()), weight.shape))
         return Finding(
-            standing=Standing.REFUTED,
+            grounds=Grounds.RUN,
+            tries=int(usable.sum()),
             margin=-share,
             unit="share of trials and samples",
             witness=evidence.witness(trial, sample),
@@ -341,7 +282,8 @@ def sign_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     lowest = np.where(usable, evidence.ratio, np.inf)
     trial, sample = (int(i) for i in np.unravel_index(int(lowest.argmin()), lowest.shape))
     return Finding(
-        standing=Standing.SUPPORTED,
+        grounds=Grounds.RUN,
+        tries=int(usable.sum()),
         margin=float(lowest[trial, sample]),
         unit=gain_unit(*units_of(plant)),
         witness=evidence.witness(trial, sample),
@@ -351,8 +293,8 @@ def sign_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
 
 def sign_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     """A4 for the partial derivative: inf dy(k+d)/du(k) > 0 over the box."""
-    f, inner = delayed_output(plant, evidence.degree), _delayed_box(box, evidence.degree)
-    found = prove_positive(_slope(f), inner)
+    f, inner = delayed_output(plant, evidence.degree, increment=evidence.increment), delayed_box(box, evidence.degree)
+    found = prove_positive(delayed_slope(f), inner)
     place = f"dy(k+{evidence.degree})/du(k) by intervals for {described(plant, box)}"
     if found.standing == "proved":
         continuous = continuous_on(f, inner)
@@ -361,7 +303,7 @@ def sign_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
                 f"the output is not shown to be continuous, so a positive slope says little: {continuous.reason}"
             )
         return Finding(
-            standing=Standing.PROVED,
+            grounds=Grounds.ENCLOSURE,
             margin=found.lower,
             unit=gain_unit(*units_of(plant)),
             method=f"{place}; the margin is its lower bound",
@@ -369,7 +311,7 @@ def sign_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     if found.standing == "refuted" and found.witness is not None:
         point = {name: value[0].ravel().tolist() for name, value in found.witness.point.items() if value[0].size}
         return Finding(
-            standing=Standing.REFUTED,
+            grounds=Grounds.ENCLOSURE,
             margin=found.witness.upper,
             unit=gain_unit(*units_of(plant)),
             witness={"point": point, "slope": found.witness.upper},
@@ -380,19 +322,22 @@ def sign_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
 
 def data_model(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     """Lemma 1: ds(k+d) = phi_c du(k) with a bounded phi_c, at every trial and sample that was reached."""
-    if _remembers(plant, evidence) and (unlike := same_but_for_the_input(evidence.study, evidence.law)) is not None:
-        return undecided(unlike)
     alone = (evidence.du == 0) & np.isfinite(evidence.ds)
     left = np.where(alone, np.abs(np.nan_to_num(evidence.ds)), 0.0)
     scale = float(np.nanmax(np.abs(evidence.trajectories.y)))
     if left.max() > 1e-9 * scale:
         trial, sample = (int(i) for i in np.unravel_index(int(left.argmax()), left.shape))
         return Finding(
-            standing=Standing.REFUTED,
+            grounds=Grounds.RUN,
+            tries=int(alone.sum()),
             margin=-float(left[trial, sample]),
             unit=plant.outputs[0].unit,
             witness=evidence.witness(trial, sample),
             method=f"du(k) = 0 but ds(k+{evidence.degree}) is not, at {int(alone.sum())} places: no phi_c exists there",
         )
     found = lipschitz_printed(plant, evidence, box)
-    return dataclasses.replace(found, method=f"phi_c is the ratio that A2 bounds: {found.method}")
+    return (
+        found
+        if found.reason
+        else dataclasses.replace(found, method=f"phi_c is the ratio that A2 bounds: {found.method}")
+    )

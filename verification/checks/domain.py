@@ -1,10 +1,13 @@
-"""The box of states, inputs, disturbances and times that a proof is stated for."""
+"""The box of states, inputs, disturbances and samples that a proof is stated for."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from models.array import Array
+from models.named_signals import Signal
 from models.plant import Plant
 from verification.enclosure.box import Box
 from workbench.evidence.trajectory import Trajectories
@@ -15,8 +18,10 @@ MARGIN = 0.05  # of each range, added at both ends
 def domain(plant: Plant, taken: Trajectories, w: Array | None = None, margin: float = MARGIN) -> Box:
     """Return the box that holds every recorded trial, widened by ``margin`` of each range.
 
-    Its names are those of the plant's step: x, u, w, k; k runs from 0 to N and is not widened. ``w`` (nw, any) are
-    the disturbances met, by default zero.
+    Its names are those of the plant's step: x, u, w, k. k is whole and not widened: the steps of a trial of N samples
+    are those at 0 to N - 1, the last of which leads to the state at N. ``w`` (nw, any) are the disturbances met, by
+    default zero. Where a signal declares a domain its range is cut to it, for the equations mean nothing beyond; a
+    range that lies beyond it altogether stays as it is.
     """
     n = taken.u.shape[1]
     reached = np.arange(n)[None, :] < taken.lengths[:, None]
@@ -29,20 +34,53 @@ def domain(plant: Plant, taken: Trajectories, w: Array | None = None, margin: fl
     ranges["u"] = (np.concatenate([low_u, others]), np.concatenate([high_u, others]))
     met = np.zeros((len(plant.disturbances), 1)) if w is None else np.asarray(w, dtype=float)
     ranges["w"] = _wider(met.min(axis=1), met.max(axis=1), margin) if met.size else (np.zeros(0), np.zeros(0))
-    ranges["k"] = (0.0, float(n))
-    return Box(ranges)
+    for key, named in _named(plant):
+        ranges[key] = _within(named, *ranges[key])
+    ranges["k"] = (0.0, float(n - 1))
+    return Box(ranges, whole=("k",))
+
+
+def _named(plant: Plant) -> tuple[tuple[str, tuple[Signal, ...]], ...]:
+    return ("x", plant.states), ("u", plant.inputs), ("w", plant.disturbances)
+
+
+def _within(named: tuple[Signal, ...], lower: Array | float, upper: Array | float) -> tuple[Array, Array]:
+    """Return a range cut to the domains that signals declare."""
+    low, high = np.array(lower, dtype=float), np.array(upper, dtype=float)
+    for i, signal in enumerate(named):
+        least, most = _domain(signal)
+        if low[i] <= most and high[i] >= least:
+            low[i], high[i] = max(low[i], least), min(high[i], most)
+    return low, high
+
+
+def _domain(signal: Signal) -> tuple[float, float]:
+    least, most = signal.domain or (None, None)
+    return -math.inf if least is None else least, math.inf if most is None else most
 
 
 def described(plant: Plant, box: Box) -> str:
     """Return the box in words, with names and units."""
     parts = []
-    for key, named in (("x", plant.states), ("u", plant.inputs), ("w", plant.disturbances)):
+    for key, named in _named(plant):
         lower, upper = box[key]
         for i, signal in enumerate(named):
-            parts.append(f"{signal.name} in [{lower[i, 0]:.4g}, {upper[i, 0]:.4g}] {signal.unit}")
+            parts.append(
+                f"{signal.name} in [{lower[i, 0]:.4g}, {upper[i, 0]:.4g}] {signal.unit}"
+                + _cut(signal, float(lower[i, 0]), float(upper[i, 0]))
+            )
     lower, upper = box["k"]
-    parts.append(f"k in [{lower[0, 0]:g}, {upper[0, 0]:g}]")
+    kind = "whole k" if "k" in box.whole else "k"
+    parts.append(f"{kind} in [{lower[0, 0]:g}, {upper[0, 0]:g}]")
     return ", ".join(parts)
+
+
+def _cut(signal: Signal, lower: float, upper: float) -> str:
+    """Return in words that a range ends where the signal's domain does, or lies beyond it."""
+    least, most = _domain(signal)
+    if lower > most or upper < least:
+        return " (beyond its domain)"
+    return " (cut to its domain)" if lower == least or upper == most else ""
 
 
 def _wider(lower: Array, upper: Array, margin: float) -> tuple[Array, Array]:

@@ -56,6 +56,8 @@ class Run(NamedTuple):
     """Disturbances, shape (steps+l, n)."""
     infeasible_at: int | None
     """The first sample without a plan."""
+    lost: int
+    """Samples without a plan."""
     reason: str
     violation: float
     """By how much the true error exceeded a bound at worst, a share of the bounds' width; negative if it kept clear."""
@@ -79,6 +81,8 @@ class Campaign(NamedTuple):
     runs: int
     infeasible: int
     violated: int
+    failed: int
+    """Runs that were infeasible, broke a bound, or both."""
     worst_violation: float
     witness: Witness | None
 
@@ -103,12 +107,13 @@ def simulate(
     """
     steps = 60 if callable(disturb) else len(disturb) - plant.delay
     errors, pushes = [e], []
-    following, failed, reason = start(), None, ""
+    following, failed, lost, reason = start(), None, 0, ""
     for k in range(steps + plant.delay):
         pushes.append(disturb(k, errors[-1]) if callable(disturb) else disturb[k])
         if k >= steps:
             continue
         move, following = law.move(following, errors[-1])
+        lost += bool(move.infeasible)
         if move.infeasible and failed is None:
             failed, reason = k, move.infeasible
         errors.append(plant.A @ errors[-1] + plant.b * move.du + plant.A_delay @ pushes[-1])
@@ -117,7 +122,7 @@ def simulate(
     for j in range(plant.delay):  # x(k+l) - z(k) is the sum of A^(l-1-j) w(k+j)
         x = x + w[j : j + steps + 1] @ np.linalg.matrix_power(plant.A, plant.delay - 1 - j).T
     broken = float(((x @ bounds.H.T - bounds.h) / bounds.sizes).max())
-    return Run(e=np.array(errors), x=x, w=w, infeasible_at=failed, reason=reason, violation=broken)
+    return Run(e=np.array(errors), x=x, w=w, infeasible_at=failed, lost=lost, reason=reason, violation=broken)
 
 
 def campaign(
@@ -151,7 +156,7 @@ def campaign(
     random = np.random.default_rng(seed)
     begin = _edge_of(problem, plant.order, runs, random)
     kinds: tuple[Disturbance, ...] = get_args(Disturbance)
-    infeasible = violated = number = 0
+    infeasible = violated = either = number = 0
     worst, witness = -np.inf, None
     for number in range(runs):
         kind = kinds[number % len(kinds)]
@@ -159,11 +164,12 @@ def campaign(
         run = simulate(law, plant, bounds, e, disturb=_source(kind, plant, begin, random))
         failed, broke = run.infeasible_at is not None, run.violation > VIOLATION_TOLERANCE
         infeasible, violated, worst = infeasible + failed, violated + broke, max(worst, run.violation)
+        either += failed or broke
         if (failed or broke) and witness is None:
             witness = Witness(number, kind, e, run.w, run.infeasible_at, run.violation, run.reason)
         if until_first and witness is not None:
             break
-    return Campaign(number + 1, infeasible, violated, worst, witness)
+    return Campaign(number + 1, infeasible, violated, either, worst, witness)
 
 
 class _Edge(NamedTuple):

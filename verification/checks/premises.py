@@ -11,13 +11,9 @@ import numpy as np
 from models.actuator import Actuator
 from models.expression import as_expression
 from models.plant import Plant
-from verification.enclosure.box import Box
 from workbench.contracts.law import AnyLaw
 from workbench.contracts.study import Study
 from workbench.evidence import trajectory
-
-STEPS = 60  # of Newton's method, a sample
-CLOSE = 1e-9  # of the wanted increment's size
 
 
 def one_channel(plant: Plant) -> str | None:
@@ -81,38 +77,3 @@ def plan_alone(law: AnyLaw, study: Study) -> str | None:
     r, y = (as_expression(ca.SX.sym(name, len(study.plant.outputs))) for name in ("r", "y"))
     u, _ = law.act(type(memory)(*columns), (), r, r, y)
     return acts if ca.depends_on(ca.vertcat(*(u if isinstance(u, (tuple, list)) else [u])), y) else None
-
-
-def reference_within(study: Study, box: Box) -> str | None:
-    """Return where the input that gives the reference's increments, or its trajectory, leaves a box.
-
-    It is found by Newton's method sample after sample, so this looks and does not prove.
-    """
-    plant = study.plant_that_runs
-    begun = study.inputs()[0]
-    at = plant.symbols()
-    x_next = plant.next_state(**at)
-    gained = plant.measured(x_next)[0] - plant.measured(at["x"])[0]
-    outputs = [x_next, gained, ca.jacobian(gained, at["u"][0])]
-    step = ca.Function("step", list(at.values()), outputs)
-    wanted = np.diff(study.reference_samples[0])
-    x, u = np.asarray(begun.x0, dtype=float), 0.0
-    low, high = ({name: box[name][side].ravel() for name in ("x", "u")} for side in (0, 1))
-    for k, target in enumerate(wanted):
-        for _ in range(STEPS):
-            following, got, slope = (value.full().ravel() for value in step(x, u, begun.w[:, k], k))
-            miss = float(target - got[0])
-            if not np.isfinite(miss) or slope[0] == 0 or abs(miss) <= CLOSE * max(1.0, abs(float(target))):
-                break
-            u += miss / float(slope[0])
-        if not abs(miss) <= CLOSE * max(1.0, abs(float(target))):
-            return f"no input was found that follows the reference at sample {k}"
-        for name, values, named in (("x", x, plant.states), ("u", np.array([u]), plant.inputs)):
-            for i, value in enumerate(values):
-                if not low[name][i] <= value <= high[name][i]:
-                    return (
-                        f"the trajectory that follows the reference leaves the box at sample {k}: {named[i].name} is "
-                        f"{value:.4g} {named[i].unit}, the box holds {low[name][i]:.4g} to {high[name][i]:.4g}"
-                    )
-        x = following
-    return None

@@ -2,19 +2,19 @@
 
 With |dx(k+1)/dx(k)| <= A and |dx(k+1)/du(k)| <= B elementwise over the box, the sum over earlier inputs of
 |dx(k)/du(j)| weight^(k-j) is at most R(k), R(k+1) = weight (A R(k) + B), R(0) = 0. Every float is rounded up.
-By the mean value theorem the sums bound differences of any two trials from one initial state, as long as they, and
-the trajectories of the inputs between theirs, stay in the box.
+By the mean value theorem, applied to one step after another along the segments between two trials' points, the sums
+bound differences of any two trials from one initial state as long as both stay in the box, which is convex.
 """
 
 from __future__ import annotations
 
 import dataclasses
 
-import casadi as ca
 import numpy as np
 
 from models.array import Array
 from models.plant import Plant
+from verification.checks.delayed import delayed_box, delayed_step
 from verification.checks.slope import slope
 from verification.enclosure.bounds import Attained, Bounds, bound
 from verification.enclosure.box import Box
@@ -26,7 +26,7 @@ BUDGET = 600  # boxes an entry
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SlopeBounds:
-    """Rigorous bounds over a box, of a plant whose relative degree is 1; magnitudes rounded up.
+    """Rigorous bounds over a box, d the plant's relative degree; magnitudes rounded up.
 
     They bound differences only because the plant was shown to be continuous on the box: it may have kinks there,
     but no jump, pole or end of a domain.
@@ -39,29 +39,26 @@ class SlopeBounds:
     b: Array
     """|dx(k+1)/du(k)|, (nx,)."""
     c: Array
-    """|ds(k+1)/dx(k)| of the learned signal s at the sample before its input acts, (nx,)."""
+    """|ds(k+d)/dx(k)| of the learned signal s at the sample before its input acts, (nx,)."""
     gain_low: float
-    """Smallest ds(k+1)/du(k)."""
+    """Smallest ds(k+d)/du(k)."""
     gain_high: float
-    """Largest ds(k+1)/du(k)."""
+    """Largest ds(k+d)/du(k)."""
     steepest: Attained | None
-    """A point of the box and what ds(k+1)/du(k) is there: the largest magnitude that was found."""
+    """A point of the box and what ds(k+d)/du(k) is there: the largest magnitude that was found."""
     reason: str | None
 
 
-def slope_bounds(plant: Plant, box: Box, *, increment: bool = False, budget: int = BUDGET) -> SlopeBounds:
+def slope_bounds(
+    plant: Plant, box: Box, *, degree: int = 1, increment: bool = False, budget: int = BUDGET
+) -> SlopeBounds:
     """Bound the slopes of a plant over a box (names x, u, w, k), for the output or its increment as signal."""
-    at = plant.symbols()
-    x_next = plant.next_state(**at)
-    signal = plant.measured(x_next)[0]
-    if increment:
-        signal = signal - plant.measured(at["x"])[0]
     nx = len(plant.states)
-    step = ca.Function("step", list(at.values()), [x_next, signal], list(at), ["x_next", "signal"])
     try:
-        graph = read(step)
+        graph = read(delayed_step(plant, degree, increment=increment))
     except Unreadable as error:
         return _unbounded(nx, str(error))
+    box = delayed_box(box, degree)
     continuous = continuous_on(graph, box)
     if not continuous.proved:
         return _unbounded(
@@ -81,8 +78,8 @@ def slope_bounds(plant: Plant, box: Box, *, increment: bool = False, budget: int
 
     a = np.array([[magnitude("x_next", "x", i, j) for j in range(nx)] for i in range(nx)])
     b = np.array([magnitude("x_next", "u", i, 0) for i in range(nx)])
-    c = np.array([magnitude("signal", "x", 0, j) for j in range(nx)])
-    gain = ends("signal", "u", 0, 0)
+    c = np.array([magnitude("y", "x", 0, j) for j in range(nx)])
+    gain = ends("y", "u", 0, 0)
     steepest = [one for one in (gain.attained_min, gain.attained_max) if one is not None]
     steepest.sort(key=lambda one: -max(one.lower, -one.upper))
     return SlopeBounds(
@@ -102,7 +99,7 @@ def _unbounded(states: int, reason: str) -> SlopeBounds:
 
 
 def off_diagonal(slopes: SlopeBounds, samples: int, weight: float = 1.0) -> Array:
-    """Return bounds of sum over j < k of |ds(k+1)/du(j)| weight^(k-j), for k = 0..samples-1."""
+    """Return bounds of sum over j < k of |ds(k+d)/du(j)| weight^(k-j), for k = 0..samples-1."""
     if slopes.reason:
         return np.full(samples, np.inf)
     rows = np.zeros(samples)
@@ -114,6 +111,31 @@ def off_diagonal(slopes: SlopeBounds, samples: int, weight: float = 1.0) -> Arra
             rows[k:] = np.inf
             break
     return rows
+
+
+def state_reach(slopes: SlopeBounds, moved: Array, samples: int) -> Array:
+    """Return bounds of differences of the state at k = 0..samples, (nx, samples + 1).
+
+    ``moved`` is by how much each step moves the next state besides, (nx,) or (nx, samples).
+    """
+    rows = np.full((slopes.b.size, samples + 1), np.inf)
+    by = np.broadcast_to(moved.reshape(slopes.b.size, -1), (slopes.b.size, samples))
+    reach = np.zeros(slopes.b.size)
+    for k in range(samples + 1 if not slopes.reason else 0):
+        rows[:, k] = reach
+        if k < samples:
+            reach = _up(_product(slopes.a, reach) + by[:, k])
+    return rows
+
+
+def carried_rounding(slopes: SlopeBounds, samples: int, state: Array, signal: float) -> Array:
+    """Return what rounding may add to differences of the signal at k + d, k = 0..samples-1.
+
+    ``state`` (nx,) is what one step rounds, ``signal`` what the signal itself does: both are carried as noise through
+    the same recursion as the inputs are.
+    """
+    reach = state_reach(slopes, state, samples)
+    return np.array([_product(slopes.c[None, :], reach[:, k])[0] + signal for k in range(samples)])
 
 
 def _up(value: Array) -> Array:

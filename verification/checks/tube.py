@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from fractions import Fraction
+
 import numpy as np
 
-from verification.enclosure.exact_schur import closed_loop, proved_schur
-from workbench.contracts.verdict import Finding, Standing, undecided
+from models.quantity import InvalidValue
+from verification.enclosure.exact_schur import closed_loop, proved_radius
+from workbench.contracts.claim import Held
+from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.predictive import Tube
 from workbench.predictive.regulator import decrease, lmi, relative
 from workbench.sets import TOLERANCE, minimal_rpi, spectral_radius
@@ -15,6 +20,12 @@ from workbench.sets.linear_program import minimise
 
 ROUNDING = 1e-9
 """Residual of a matrix equation that counts as rounding, relative to P, state by state."""
+
+POWERS = 100
+"""Powers of a loop that a bound of its radius is held against."""
+
+INSIDE = 1e-7
+"""By how much rounding may leave a witness outside the set that it is from, a share of the set's width."""
 
 FAR = 1e3
 """How many times its width beyond a face a set without end in that direction is looked at."""
@@ -27,35 +38,62 @@ def schur(tube: Tube) -> Finding:
     values = np.linalg.eigvals(tube.A_cl)
     radius = spectral_radius(tube.A_cl)
     witness = {"eigenvalues": [str(np.round(value, 9)) for value in values], "spectral radius": radius}
-    if radius >= 1:
-        method = "eigenvalues in floating point"
-        return Finding(standing=Standing.REFUTED, margin=1 - radius, unit="1", witness=witness, method=method)
     units = state_units(tube.A_cl)  # powers of two: the same loop, exactly
     A = tube.plant.A * units / units[:, None]
-    if proved_schur(closed_loop(A.tolist(), (tube.plant.b / units).tolist(), (tube.K * units).tolist())):
+    proved = proved_radius(closed_loop(A.tolist(), (tube.plant.b / units).tolist(), (tube.K * units).tolist()))
+    if radius < 1 and proved is not None:
         return Finding(
-            standing=Standing.PROVED,
-            margin=1 - radius,
+            grounds=Grounds.ALGEBRA,
+            margin=float(1 - proved),
             unit="1",
+            bound=float(proved),
+            bound_unit="1, the largest modulus of an eigenvalue",
             witness=witness,
-            method="P > 0 and P - A_cl'P A_cl > 0 in exact rational arithmetic, with A, b and K as stored",
+            method=f"P > 0 and P - M'P M > 0 in exact rational arithmetic for M = (A + b K)/{float(proved):.6g}, with "
+            "A, b and K as stored",
         )
-    method = "eigenvalues in floating point; no exact proof was found"
-    return Finding(standing=Standing.SUPPORTED, margin=1 - radius, unit="1", witness=witness, method=method)
+    method = "eigenvalues in floating point" + ("; no exact proof was found" if radius < 1 else "")
+    return Finding(grounds=Grounds.NUMERICS, margin=1 - radius, unit="1", witness=witness, method=method)
+
+
+def held_by_powers(tube: Tube, finding: Finding) -> Held:
+    """Hold a proved bound of the radius against powers of A + b K: n times its k-th power is no less than |tr M^k|."""
+    bound = 1.0 if finding.bound is None else finding.bound
+    powers = [np.linalg.matrix_power(tube.A_cl, k) for k in range(1, POWERS + 1)]
+    rates = [float(abs(np.trace(power)) / len(power)) ** (1 / k) for k, power in enumerate(powers, 1)]
+    worst = int(np.argmax(rates))
+    return Held(POWERS, bound + ROUNDING - rates[worst], {"power": worst + 1, "radius at least": rates[worst]})
 
 
 def hurwitz_as_printed(tube: Tube) -> Finding:
-    """A + b K is Hurwitz, as printed: every eigenvalue has a negative real part."""
+    """A + b K is Hurwitz, as printed: every eigenvalue has a negative real part.
+
+    The trace is the sum of the eigenvalues: where it is not negative, exactly, one of them has no negative real part.
+    """
     values = np.linalg.eigvals(tube.A_cl)
     worst = values[int(np.argmax(values.real))]
-    witness = {"eigenvalue": str(worst), "modulus": float(abs(worst)), "spectral radius": spectral_radius(tube.A_cl)}
-    good = worst.real < 0
+    mean = sum((Fraction(entry) for entry in np.diag(tube.A_cl).tolist()), Fraction(0)) / len(tube.A_cl)
+    witness = {
+        "eigenvalue": str(np.round(worst, 9)),
+        "modulus": float(abs(worst)),
+        "spectral radius": spectral_radius(tube.A_cl),
+        "mean of the eigenvalues": float(mean),
+    }
+    said = "the printed test is that of continuous time, and a gain that is Schur fails it"
+    if mean >= 0:
+        return Finding(
+            grounds=Grounds.ALGEBRA,
+            margin=-float(mean),
+            unit="1, the mean real part",
+            witness=witness,
+            method=f"the trace of A + b K, the sum of its eigenvalues, exactly in rationals; {said}",
+        )
     return Finding(
-        standing=Standing.SUPPORTED if good else Standing.REFUTED,
+        grounds=Grounds.NUMERICS,
         margin=-float(worst.real),
         unit="1",
         witness=witness,
-        method="eigenvalues; the printed test is that of continuous time, and a gain that is Schur fails it",
+        method=f"eigenvalues in floating point; {said}",
     )
 
 
@@ -66,11 +104,15 @@ def lyapunov(tube: Tube) -> Finding:
     i, j = np.unravel_index(int(np.argmax(shares)), residual.shape)
     size = float(shares[i, j])
     return Finding(
-        standing=Standing.SUPPORTED if size <= ROUNDING else Standing.REFUTED,
+        grounds=Grounds.NUMERICS,
         margin=ROUNDING - size,
         unit="of P",
+        weak=True,
+        bound=size,
+        bound_unit="of P",
         witness={"row": int(i), "column": int(j), "residual": float(residual[i, j]), "P": tube.P},
-        method=f"residual {size:.3g} of P, each state in the unit in which P has a one; {FLOAT}",
+        method=f"residual {size:.3g} of P, each state in the unit in which P has a one, {ROUNDING:g} counts as "
+        f"rounding; {FLOAT}",
     )
 
 
@@ -83,9 +125,12 @@ def lmi20(tube: Tube) -> Finding:
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
     least = float(values[0])
     return Finding(
-        standing=Standing.SUPPORTED if least >= -ROUNDING else Standing.REFUTED,
+        grounds=Grounds.NUMERICS,
         margin=least + ROUNDING,
         unit="of P",
+        weak=True,
+        bound=least,
+        bound_unit="of P, the least eigenvalue",
         witness={"eigenvalue": least, "eigenvector": vectors[:, 0] * scale},
         method=f"smallest eigenvalue, each state in the unit in which P has a one: 0 but for rounding ({ROUNDING:g}) "
         f"where (19) is an equality; {FLOAT}",
@@ -98,11 +143,15 @@ def tube_inside(tube: Tube) -> Finding:
     room = (tube.Sigma.h - minimal.support(tube.Sigma.H)) / tube.Sigma.sizes
     worst = int(np.argmin(room))
     return Finding(
-        standing=Standing.SUPPORTED if room[worst] >= -TOLERANCE else Standing.REFUTED,
-        margin=float(room[worst]),
+        grounds=Grounds.NUMERICS,
+        margin=float(room[worst]) + TOLERANCE,
         unit="of Sigma's width",
+        weak=True,
+        bound=float(room[worst]),
+        bound_unit="of Sigma's width, the least room",
         witness={"face": tube.Sigma.labels[worst], "point": minimal.partial.extreme(tube.Sigma.H[worst])},
-        method=f"support function of Z, its tail bounded, along each of {len(room)} faces; {FLOAT}",
+        method=f"support function of Z, its tail bounded, along each of {len(room)} faces, {TOLERANCE:g} of the width "
+        f"counts as rounding; {FLOAT}",
     )
 
 
@@ -116,19 +165,33 @@ def rpi(tube: Tube) -> Finding:
         if answer.status == "unbounded":  # a point far out says the same and can be replayed
             answer = minimise(-ahead, np.vstack([Sigma.H, ahead]), np.r_[Sigma.h, offset + FAR * size])
         if answer.status != "optimal":
-            return undecided(f"the linear program along '{label}' came out {answer.status}")
+            return undecided(f"how far Sigma reaches along '{label}' could not be found; a larger room would tell")
         w = tube.W_z.extreme(row)
         excess = (Sigma.H @ (tube.A_cl @ answer.x + w) - Sigma.h) / Sigma.sizes
         face = int(np.argmax(excess))
         if excess[face] > worst:
             worst, at = float(excess[face]), {"face": Sigma.labels[face], "e": answer.x, "w": w}
     return Finding(
-        standing=Standing.SUPPORTED if worst <= TOLERANCE else Standing.REFUTED,
+        grounds=Grounds.NUMERICS,
         margin=TOLERANCE - worst,
         unit="of Sigma's width",
+        weak=True,
+        bound=worst,
+        bound_unit="of Sigma's width, the farthest outside",
         witness={**at, "leaves by": worst},
         method=f"one linear program a face, {len(Sigma.h)} faces, residual allowed {TOLERANCE:g} of the width; {FLOAT}",
     )
+
+
+def rpi_margin(tube: Tube, witness: Mapping[str, object]) -> float:
+    """Return the margin of :func:`rpi` at a witness: its e in Sigma and w in A^l W, taken one sample on.
+
+    Raises InvalidValue for a witness that lies in neither.
+    """
+    Sigma, e, w = tube.Sigma, vector(witness, "e"), vector(witness, "w")
+    if Sigma.violation(e) > INSIDE or not tube.W_z.contains(w, tolerance=INSIDE):
+        raise InvalidValue("the witness must lie in Sigma and in A^l W, and does not")
+    return TOLERANCE - float(((Sigma.H @ (tube.A_cl @ e + w) - Sigma.h) / Sigma.sizes).max())
 
 
 def horizon27(tube: Tube, N: int) -> Finding:
@@ -136,23 +199,36 @@ def horizon27(tube: Tube, N: int) -> Finding:
     excess = {M: tube.held_excess(M, N) for M in range(1, N)}
     worst = max(excess, key=lambda M: excess[M].share)
     out = {M: found for M, found in excess.items() if found.share > TOLERANCE}
-    first = min(out, default=worst)
-    reach = tube.R_hold(first, first + N)
-    face = tube.Sigma.labels.index(excess[first].label)
+    reach = tube.R_hold(worst, worst + N)
+    face = tube.Sigma.labels.index(excess[worst].label)
     witness: dict[str, object] = {
-        "M": first,
-        "face": excess[first].label,
+        "M": worst,
+        "face": excess[worst].label,
         "point of the tube": reach.extreme(tube.Sigma.H[face]),
         "excess by M": {M: found.distance for M, found in excess.items()},
     }
     said = f"fails for M = {', '.join(map(str, out))}, which are never offered; " if out else ""
     return Finding(
-        standing=Standing.REFUTED if out else Standing.SUPPORTED,
-        margin=-excess[worst].share,
+        grounds=Grounds.NUMERICS,
+        margin=TOLERANCE - excess[worst].share,
         unit="of Sigma's width",
+        weak=True,
+        bound=excess[worst].share,
+        bound_unit="of Sigma's width, the farthest outside",
         witness=witness,
         method=f"{said}support function of each tube along every face of Sigma; {FLOAT}",
     )
+
+
+def horizon27_margin(tube: Tube, N: int, witness: Mapping[str, object]) -> float:
+    """Return the margin of :func:`horizon27` at a witness: how far its point, which the tube reaches, is outside.
+
+    Raises InvalidValue for a point that the tube does not reach.
+    """
+    point, M, Sigma = vector(witness, "point of the tube"), int(str(witness["M"])), tube.Sigma
+    if not tube.R_hold(M, M + N).contains(point, tolerance=INSIDE):
+        raise InvalidValue("the witness must be a point that the tube reaches, and is not")
+    return TOLERANCE - float(((Sigma.H @ point - Sigma.h) / Sigma.sizes).max())
 
 
 def tightening_sound(
@@ -162,31 +238,54 @@ def tightening_sound(
 
     The error x(k+l) of the plant with its true delay is simulated from rest against W: the sequence that is extreme
     for each bound, and random ones of W's vertices. Stages run under feedback, or held for M first for M in ``holds``.
+    The plant is linear, so that the extreme sequence of a bound is the worst of all but for rounding.
     """
     plant, bounds, random = tube.plant, tube.bounds, np.random.default_rng(seed)
     simulated, worst, witness = 0, np.inf, {}
     for M in (0, *holds):
         for i in range(stages + M):
-            kept = tube.held_stage_bounds(M, i) if M else tube.stage_bounds(i)
             maps = _responses(tube, i, M)
             signs = random.choice([-1.0, 1.0], (sequences, len(maps), plant.W.generators.shape[1]))
             drawn = plant.W.center + signs @ plant.W.generators.T
             extreme = [np.array([plant.W.extreme(row @ m) for m in maps]) for row in bounds.H]
             for w in (*extreme, *drawn):
-                moved = bounds.H @ _simulated(tube, w.reshape(len(maps), plant.order), i, M)
-                slack = (bounds.h - kept.h - moved) / bounds.sizes
+                slack = _slack(tube, w.reshape(len(maps), plant.order), i, M)
                 simulated, row = simulated + 1, int(np.argmin(slack))
                 if slack[row] < worst:
                     worst = float(slack[row])
-                    allowed = float(bounds.h[row] - kept.h[row])
-                    witness = {"M": M, "stage": i, "bound": bounds.labels[row], "tightened by": allowed, "w": w}
+                    witness = {"M": M, "stage": i, "bound": bounds.labels[row], "short by": -worst, "w": w}
     return Finding(
-        standing=Standing.SUPPORTED if worst >= -TOLERANCE else Standing.REFUTED,
+        grounds=Grounds.NUMERICS,
         margin=worst + TOLERANCE,
         unit="of the bounds' width",
+        weak=True,
+        tries=simulated,
+        bound=worst,
+        bound_unit="of the bounds' width, the least room",
         witness=witness,
-        method=f"{simulated} simulated disturbance sequences, the extreme one of every bound and stage among them",
+        method=f"{simulated} simulated disturbance sequences, the extreme one of every bound and stage among them, "
+        f"which is the worst of all because the plant is linear; {FLOAT}",
     )
+
+
+def tightening_margin(tube: Tube, witness: Mapping[str, object]) -> float:
+    """Return the margin of :func:`tightening_sound` under the disturbances of a witness alone."""
+    M, stage = int(str(witness["M"])), int(str(witness["stage"]))
+    w = np.asarray(witness["w"], dtype=float).reshape(-1, tube.plant.order)
+    return float(_slack(tube, w, stage, M).min()) + TOLERANCE
+
+
+def vector(witness: Mapping[str, object], name: str) -> Array:
+    """Return a row of numbers of a witness."""
+    return np.asarray(witness[name], dtype=float)
+
+
+def _slack(tube: Tube, w: Array, stage: int, M: int) -> Array:
+    """Return by how much each bound was tightened more than w, (stage + l, n), moves the true error, as shares."""
+    bounds = tube.bounds
+    kept = tube.held_stage_bounds(M, stage) if M else tube.stage_bounds(stage)
+    slack: Array = (bounds.h - kept.h - bounds.H @ _simulated(tube, w, stage, M)) / bounds.sizes
+    return slack
 
 
 def _responses(tube: Tube, stage: int, M: int) -> list[Array]:

@@ -1,4 +1,7 @@
-"""How small and how large a Function gets on a box, and whether it keeps a bound: rigorous, by branch and bound."""
+"""How small and how large a Function gets on a box, and whether it keeps a bound: rigorous, by branch and bound.
+
+Inputs that the box says are whole take whole numbers only, in bounds, proofs and witnesses.
+"""
 
 import math
 from collections.abc import Callable
@@ -14,6 +17,7 @@ from verification.enclosure.face import Enclosed, face
 from verification.enclosure.interval import reason, supported
 from verification.enclosure.outward import Array
 from verification.enclosure.rewriting import rewritten
+from verification.enclosure.whole import Table, tabulated
 
 Standing = Literal["proved", "refuted", "undecided"]
 BUDGET = 4096  # boxes
@@ -84,8 +88,10 @@ class Proof:
     reason: str | None
 
 
-def _scalars(function: Enclosed, output: str | None, signs: tuple[int, ...], slopes: bool) -> list[Scalar] | str:
-    """Return the scalars of an output, or a sentence saying why there are none."""
+def _scalars(
+    function: Enclosed, box: Box, output: str | None, signs: tuple[int, ...], slopes: bool
+) -> tuple[list[Scalar], Table] | str:
+    """Return the scalars of an output and the table that they read, or a sentence saying why there are none."""
     title, _, outputs = face(function)
     names = list(outputs)
     if output is None and len(names) != 1:
@@ -108,19 +114,21 @@ def _scalars(function: Enclosed, output: str | None, signs: tuple[int, ...], slo
     if len(nodes) < rows * columns:
         graph, zero = graph.with_constant(0.0)
         nodes.append(zero)
-    return [Scalar(graph=graph, node=k, sign=sign, sloped=slopes) for k in dict.fromkeys(nodes) for sign in signs]
+    wanted = tuple(dict.fromkeys(nodes))
+    table = tabulated(graph, *box.coordinates(function), box.whole_coordinates(function), wanted)
+    return [Scalar(graph=table.graph, node=k, sign=sign, sloped=slopes) for k in wanted for sign in signs], table
 
 
-def _attained(function: Enclosed, search: Search, sign: int) -> Attained | None:
+def _attained(function: Enclosed, box: Box, search: Search, sign: int) -> Attained | None:
     """Return the best point of a search as a named point."""
     if search.where is None:
         return None
     low, high = search.best if sign > 0 else (-search.best[1], -search.best[0])
-    return Attained(point=Box.from_coordinates(function, search.where, search.where), lower=low, upper=high)
+    return Attained(point=Box.from_coordinates(function, search.where, search.where, box.whole), lower=low, upper=high)
 
 
 def _extremum(
-    function: Enclosed,
+    table: Table,
     ends: tuple[Array, Array],
     entries: list[Scalar],
     budget: int,
@@ -130,7 +138,7 @@ def _extremum(
     searches: list[Search] = []
     used = 0
     for k, scalar in enumerate(entries):
-        searches.append(minimise(scalar, *ends, max((budget - used) // (len(entries) - k), 1), settled))
+        searches.append(minimise(scalar, table, *ends, max((budget - used) // (len(entries) - k), 1), settled))
         used += searches[-1].used
     best = min(searches, key=lambda search: search.best[1])
     trouble = next((search.trouble for search in searches if search.trouble is not None), None)
@@ -174,23 +182,24 @@ def bound(
     if not tolerance > 0:
         raise ValueError(f"tolerance must be positive, got {tolerance}")
     ends = box.coordinates(function)
-    entries = _scalars(function, output, (1, -1), slopes)
+    found = _scalars(function, box, output, (1, -1), slopes)
     name = output or next(iter(face(function).outputs))
-    if isinstance(entries, str):
+    if isinstance(found, str):
         return Bounds(output=name, lower=-np.inf, upper=np.inf, attained_min=None, attained_max=None, boxes_used=0,
-                      reason=entries)  # fmt: skip
+                      reason=found)  # fmt: skip
+    entries, table = found
 
     def settled(smallest: float, best: float) -> bool:
         return math.isfinite(best) and best - smallest <= tolerance * max(1.0, abs(best))
 
-    low = _extremum(function, ends, entries[::2], budget // 2, settled)
-    high = _extremum(function, ends, entries[1::2], budget - low.used, settled)
+    low = _extremum(table, ends, entries[::2], budget // 2, settled)
+    high = _extremum(table, ends, entries[1::2], budget - low.used, settled)
     return Bounds(
         output=name,
         lower=low.lower,
         upper=-high.lower,
-        attained_min=_attained(function, low, 1),
-        attained_max=_attained(function, high, -1),
+        attained_min=_attained(function, box, low, 1),
+        attained_max=_attained(function, box, high, -1),
         boxes_used=low.used + high.used,
         reason=low.trouble or high.trouble,
     )
@@ -234,9 +243,10 @@ def prove_bounds(
     ends = box.coordinates(function)
     sides = [(1, lower)] if lower is not None else []
     sides += [(-1, -upper)] if upper is not None else []
-    entries = _scalars(function, output, tuple(sign for sign, _ in sides), slopes)
-    if isinstance(entries, str):
-        return Proof(standing="undecided", lower=-np.inf, upper=np.inf, witness=None, boxes_used=0, reason=entries)
+    scalars = _scalars(function, box, output, tuple(sign for sign, _ in sides), slopes)
+    if isinstance(scalars, str):
+        return Proof(standing="undecided", lower=-np.inf, upper=np.inf, witness=None, boxes_used=0, reason=scalars)
+    entries, table = scalars
     found = {1: -np.inf, -1: -np.inf}
     used, trouble = 0, None
     for k, (sign, level) in enumerate(sides):
@@ -247,12 +257,12 @@ def prove_bounds(
         def settled(smallest: float, best: float, keeps: Callable[[float], bool] = keeps) -> bool:
             return keeps(smallest) or not keeps(best)
 
-        search = _extremum(function, ends, entries[k :: len(sides)], (budget - used) // (len(sides) - k), settled)
+        search = _extremum(table, ends, entries[k :: len(sides)], (budget - used) // (len(sides) - k), settled)
         used += search.used
         found[sign] = search.lower
         if not keeps(search.best[1]):
             return Proof(standing="refuted", lower=found[1], upper=-found[-1], boxes_used=used, reason=None,
-                         witness=_attained(function, search, sign))  # fmt: skip
+                         witness=_attained(function, box, search, sign))  # fmt: skip
         trouble = trouble or search.trouble
     return Proof(standing="proved" if trouble is None else "undecided", lower=found[1], upper=-found[-1], witness=None,
                  boxes_used=used, reason=trouble)  # fmt: skip

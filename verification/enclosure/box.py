@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from verification.enclosure.face import Enclosed, face
 
 Array = NDArray[np.float64]
+MOST = 2.0**53  # whole numbers beyond are not all doubles
 
 
 def _matrix(name: str, value: ArrayLike) -> Array:
@@ -25,6 +26,21 @@ def _matrix(name: str, value: ArrayLike) -> Array:
     return matrix.reshape(-1, 1) if matrix.ndim < 2 else matrix
 
 
+def _checked(whole: tuple[str, ...], ranges: Mapping[str, tuple[Array, Array]]) -> tuple[str, ...]:
+    """Return the names of whole ranges, once each, refusing what is none."""
+    if isinstance(whole, str):
+        raise ValueError(f"whole must be a tuple of names, got {whole!r}: write ({whole!r},)")
+    for name in whole:
+        if name not in ranges:
+            raise ValueError(f"whole must name ranges of the box, which has {list(ranges)}, got {name!r}")
+        for end in ranges[name]:
+            if np.any((end != np.rint(end)) | (np.abs(end) > MOST)):
+                raise ValueError(
+                    f"{name}: the ends of a whole range must be whole numbers below 2**53, got {end.tolist()}"
+                )
+    return tuple(dict.fromkeys(whole))
+
+
 @dataclass(frozen=True, eq=False)
 class Box(Mapping[str, tuple[Array, Array]]):
     """Closed ranges ``lower <= input <= upper``, elementwise, by input name.
@@ -35,14 +51,18 @@ class Box(Mapping[str, tuple[Array, Array]]):
         For every input either a pair ``(lower, upper)``, which must be a tuple, or one value that it is held at.
         Scalars, vectors (taken as columns) and matrices are welcome; where one end is a scalar it serves every
         element.
+    whole
+        Names of the inputs that hold whole numbers only, such as the index of a sample.
 
     Raises
     ------
     ValueError
-        Where an end is not finite, the shapes disagree, or a lower end lies above its upper end.
+        Where an end is not finite, the shapes disagree, or a lower end lies above its upper end; where a name in
+        ``whole`` has no range, or one with an end that is no whole number.
     """
 
     ranges: Mapping[str, tuple[ArrayLike, ArrayLike] | ArrayLike]
+    whole: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         checked: dict[str, tuple[Array, Array]] = {}
@@ -60,6 +80,7 @@ class Box(Mapping[str, tuple[Array, Array]]):
                 end.setflags(write=False)
             checked[name] = lower, upper
         object.__setattr__(self, "ranges", MappingProxyType(checked))
+        object.__setattr__(self, "whole", _checked(self.whole, checked))
 
     def __getitem__(self, name: str) -> tuple[Array, Array]:
         pair = self.ranges[name]
@@ -74,7 +95,7 @@ class Box(Mapping[str, tuple[Array, Array]]):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Box):
             return NotImplemented
-        return set(self) == set(other) and all(
+        return (set(self), set(self.whole)) == (set(other), set(other.whole)) and all(
             np.array_equal(mine, theirs) for name in self for mine, theirs in zip(self[name], other[name], strict=True)
         )
 
@@ -85,13 +106,14 @@ class Box(Mapping[str, tuple[Array, Array]]):
         return f"Box({self})"
 
     def __str__(self) -> str:
-        """Return every element with its range, in digits that read back to the same doubles."""
+        """Return every element with its range, in digits that read back to the same doubles; ``a..b`` is whole."""
         parts = []
         for name, (lower, upper) in self.items():
             for (row, column), low in np.ndenumerate(lower):
                 place = "" if lower.size == 1 else f"[{row}]" if lower.shape[1] == 1 else f"[{row}, {column}]"
                 high = upper[row, column]
-                value = f" = {float(low)!r}" if low == high else f" in [{float(low)!r}, {float(high)!r}]"
+                between = f"{low:.0f}..{high:.0f}" if name in self.whole else f"[{float(low)!r}, {float(high)!r}]"
+                value = f" = {float(low)!r}" if low == high else f" in {between}"
                 parts.append(f"{name}{place}{value}")
         return ", ".join(parts)
 
@@ -101,8 +123,13 @@ class Box(Mapping[str, tuple[Array, Array]]):
         return all(bool(np.all(lower == upper)) for lower, upper in self.values())
 
     def midpoint(self) -> dict[str, Array]:
-        """Return a point in the middle, as values by input name."""
-        return {name: np.clip(lower + (upper / 2 - lower / 2), lower, upper) for name, (lower, upper) in self.items()}
+        """Return a point in the middle, as values by input name; whole where the input is."""
+        return {name: self._middle(name) for name in self}
+
+    def _middle(self, name: str) -> Array:
+        lower, upper = self[name]
+        middle = np.clip(lower + (upper / 2 - lower / 2), lower, upper)
+        return np.floor(middle) if name in self.whole else middle
 
     def width(self) -> float:
         """Return the largest width of any element."""
@@ -111,7 +138,8 @@ class Box(Mapping[str, tuple[Array, Array]]):
     def split(self) -> tuple["Box", "Box"]:
         """Return the two halves along the element that is widest for its size.
 
-        The size of an element is the larger magnitude of its ends. A point comes back twice.
+        The size of an element is the larger magnitude of its ends. A point comes back twice. Halves of whole numbers
+        share none.
         """
         best, share = None, 0.0
         for name, (lower, upper) in self.items():
@@ -123,10 +151,11 @@ class Box(Mapping[str, tuple[Array, Array]]):
         if best is None:
             return self, self
         name, place = best
-        middle = self.midpoint()[name][place]
+        middle = self._middle(name)[place]
         lower, upper = (end.copy() for end in self[name])
-        upper[place] = lower[place] = middle
-        return Box({**self, name: (self[name][0], upper)}), Box({**self, name: (lower, self[name][1])})
+        upper[place], lower[place] = middle, middle + (name in self.whole)
+        halves = (self[name][0], upper), (lower, self[name][1])
+        return Box({**self, name: halves[0]}, self.whole), Box({**self, name: halves[1]}, self.whole)
 
     def coordinates(self, function: Enclosed) -> tuple[Array, Array]:
         """Return the ends of all structural nonzeros of a Function's inputs, one after another.
@@ -148,8 +177,13 @@ class Box(Mapping[str, tuple[Array, Array]]):
                 collected.append(np.broadcast_to(end, shape)[rows, columns] if rows else np.zeros(0))
         return np.concatenate(ends[0]), np.concatenate(ends[1])
 
+    def whole_coordinates(self, function: Enclosed) -> NDArray[np.bool_]:
+        """Say of each of the `coordinates` whether it holds whole numbers only."""
+        parts = [np.full(len(rows), name in self.whole) for name, _, rows, _ in face(function).inputs]
+        return np.concatenate([np.zeros(0, dtype=bool), *parts])
+
     @classmethod
-    def from_coordinates(cls, function: Enclosed, lower: Array, upper: Array) -> "Box":
+    def from_coordinates(cls, function: Enclosed, lower: Array, upper: Array, whole: tuple[str, ...] = ()) -> "Box":
         """Return the box whose `coordinates` are given; structural zeros are zero."""
         ranges: dict[str, tuple[ArrayLike, ArrayLike] | ArrayLike] = {}
         start = 0
@@ -159,4 +193,4 @@ class Box(Mapping[str, tuple[Array, Array]]):
                 end[rows, columns] = values[start : start + len(rows)]
             start += len(rows)
             ranges[name] = ends
-        return cls(ranges)
+        return cls(ranges, whole)

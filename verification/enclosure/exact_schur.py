@@ -14,6 +14,9 @@ Rows = list[list[Fraction]]
 Row = Sequence[float]
 Matrix = Sequence[Row]
 
+SHARES = (Fraction(99, 100), Fraction(1, 2), Fraction(1, 100))
+"""Which share of the distance from the estimated radius to 1 is tried to be proved, the largest first."""
+
 
 def closed_loop(A: Matrix, b: Row, K: Row) -> Rows:
     """Return A + b K exactly, for float arrays A (n, n), b (n,), K (n,)."""
@@ -21,21 +24,53 @@ def closed_loop(A: Matrix, b: Row, K: Row) -> Rows:
     return [[Fraction(A[i][j]) + Fraction(b[i]) * Fraction(K[j]) for j in range(n)] for i in range(n)]
 
 
+def proved_radius(M: Rows) -> Fraction | None:
+    """Return a number below 1 that every eigenvalue of M is proved to be smaller than in modulus, or None.
+
+    None says that no such number was proved, not that M is unstable.
+    """
+    radius = _estimated_radius(M)
+    if not radius < 1:
+        return None
+    for share in SHARES:
+        bound = 1 - share * (1 - Fraction(radius))
+        if proved_schur([[entry / bound for entry in row] for row in M]):
+            return bound
+    return None
+
+
 def proved_schur(M: Rows) -> bool:
     """Tell whether P > 0 and P - M'P M > 0 hold exactly for some P: then every eigenvalue of M has modulus below 1.
 
     P is found in floating point and symmetrised; False says that this P proves nothing, not that M is unstable.
     """
-    floats = np.array([[float(entry) for entry in row] for row in M])
-    if np.abs(np.linalg.eigvals(floats)).max() >= 1:
+    if not _estimated_radius(M) < 1:
         return False
-    found = np.asarray(solve_discrete_lyapunov(floats.T, np.eye(len(M))))
-    P = [[Fraction(found[min(i, j), max(i, j)]) for j in range(len(M))] for i in range(len(M))]
+    try:
+        found = np.asarray(solve_discrete_lyapunov(_floats(M).T, np.eye(len(M))))
+    except np.linalg.LinAlgError:
+        return False
+    if not np.isfinite(found).all():
+        return False
+    return certifies([[Fraction(found[min(i, j), max(i, j)]) for j in range(len(M))] for i in range(len(M))], M)
+
+
+def certifies(P: Rows, M: Rows) -> bool:
+    """Tell whether a symmetric P shows that M is Schur: P > 0 and P - M'P M > 0, both exactly."""
     PM = _product(P, M)
     less = [
         [P[i][j] - _dot([row[i] for row in M], [row[j] for row in PM]) for j in range(len(M))] for i in range(len(M))
     ]
     return _positive_definite(P) and _positive_definite(less)
+
+
+def _floats(M: Rows) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    return np.array([[float(entry) for entry in row] for row in M]).reshape(len(M), len(M))
+
+
+def _estimated_radius(M: Rows) -> float:
+    floats = _floats(M)
+    return float(np.abs(np.linalg.eigvals(floats)).max()) if np.isfinite(floats).all() else np.inf
 
 
 def _product(first: Rows, second: Rows) -> Rows:

@@ -103,7 +103,8 @@ def evaluate(graph: Rewritten, lower: Array, upper: Array, targets: Iterable[int
     graph
         Where the nodes are.
     lower, upper
-        Ends of the boxes, one row a coordinate, one column a box.
+        Ends of the boxes, one row a coordinate, one column a box. An infinite end says that the coordinate, one that
+        was tabulated, has no known value.
     targets
         The nodes that are wanted.
 
@@ -118,11 +119,13 @@ def evaluate(graph: Rewritten, lower: Array, upper: Array, targets: Iterable[int
             node = graph.nodes[k]
             if node.op == INPUT:
                 low = lower[node.coordinate]
-                values[k] = Value(Span(low, low if upper is lower else upper[node.coordinate]), None)
+                high = low if upper is lower else upper[node.coordinate]
+                known = np.isfinite(low) & np.isfinite(high)
+                values[k] = Value(Span(low, high), None if known.all() else np.where(known, -1, k))
             elif node.op == CONSTANT:
-                known = bool(np.isfinite(node.value))
-                span = outward.point(node.value) if known else outward.full(np.zeros(1))
-                values[k] = Value(span, None if known else np.array([k]))
+                number = bool(np.isfinite(node.value))
+                span = outward.point(node.value) if number else outward.full(np.zeros(1))
+                values[k] = Value(span, None if number else np.array([k]))
             else:
                 values[k] = _operate(k, node.op, node.args, [values[a] for a in node.args])
     return values
@@ -181,6 +184,8 @@ def reason(graph: Rewritten, values: Mapping[int, Value], fault: int, column: in
     name = node.op
     if node.op == CONSTANT:
         return f"the constant {node.value} is not a number to compute with ({where})"
+    if node.op == INPUT:
+        return f"not every whole number of the range gives it a finite value ({where})"
     if node.op not in PARTIAL:
         return f"the operation {name} is not supported ({where})"
     ends = [[float(np.broadcast_to(end, column + 1)[column] if end.size == 1 else end[column])
@@ -212,7 +217,7 @@ class Enclosure:
 
 
 def enclose(function: Enclosed, box: Box) -> Enclosure:
-    """Enclose all outputs of a Function on a box.
+    """Enclose all outputs of a Function on a box, in one go: whole numbers are taken for real ones.
 
     Parameters
     ----------

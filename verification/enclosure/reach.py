@@ -61,14 +61,17 @@ class Smoothness:
     Parameters
     ----------
     proved
-        True if no operation that would spoil it can be reached. False means "not shown", not "false": what one
-        operation breaks another may mend.
+        True if no operation that would spoil it can be reached, but those that are mended. False means "not shown",
+        not "false".
     reaches
         The operations that were asked about.
     reason
         None if proved, otherwise a sentence naming what stands in the way.
+    mended
+        The operations that jump while the Function provably does not: both of its sides are equal there.
     """
 
     proved: bool
     reaches: tuple[Reach, ...]
     reason: str | None
+    mended: tuple[NonsmoothOperation, ...] = ()

@@ -5,46 +5,39 @@ from __future__ import annotations
 import dataclasses
 import json
 import logging
-import math
 import os
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
 import jinja2
-import numpy as np
 from markupsafe import Markup
 
 from models.quantity import InvalidValue
 from verification.report.embedded import Drawn, embedded, titled
+from verification.report.gate import Departure, Gate, named
 from verification.report.junit import junit
+from verification.report.listing import fallen, fragment, mark
 from verification.report.notation import clean
 from verification.report.typeset import Typeset, typeset
+from verification.report.words import STANDINGS, breakable, evidence, meant, measure, scope, setting, shown, witness
 from workbench.contracts import settings
 from workbench.contracts.examination import Figure, Table
+from workbench.contracts.finding import Standing
 from workbench.contracts.number import finite
 from workbench.contracts.study import Progress, Scores, Study
-from workbench.contracts.verdict import DEFAULT, Standing, Verdict
+from workbench.contracts.verdict import DEFAULT, NotMade, Verdict
 from workbench.trials import progress
 from workbench.trials.campaign import Campaign, write_figures
 from workbench.trials.draft import replacing
 from workbench.trials.provenance import plants_of
 
-STANDINGS = {
-    Standing.PROVED: ("✓", "holds: by exact algebra, or by interval arithmetic over the box that is stated"),
-    Standing.SUPPORTED: ("≈", "was sampled, and nothing against it was found"),
-    Standing.REFUTED: ("✗", "fails: the witness can be replayed"),
-    Standing.UNDECIDED: ("?", "could not be told by this method, or the check failed"),
-}
-"""The sign of every standing, and what it says of a claim."""
-FEW = 5
 CASES = "cases"
 """The folder that holds a folder for every case but the first."""
 Numbered = tuple[int, Verdict]
 """A verdict with its number in the page."""
-SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 log = logging.getLogger(__name__)
 
 
@@ -71,6 +64,8 @@ class Part(NamedTuple):
     controllers: Sequence[str]
     claims: Mapping[str, Mapping[str, Sequence[Numbered]]]
     counts: Mapping[Standing, int]
+    not_made: Mapping[tuple[str, str], Sequence[NotMade]]
+    """Claims that were not made, by controller and by the property that is lacking."""
     tables: Sequence[Table]
     metrics: Sequence[str]
     scores: Scores
@@ -95,11 +90,30 @@ class Report:
     scores: Mapping[str, Mapping[str, float | None]]
     cases: Mapping[str, Report] = dataclasses.field(default_factory=dict)
     """The reports of the study's other cases, by name."""
+    not_made: Sequence[NotMade] = ()
+    """Claims that have no meaning here, each with what it lacks."""
+    gate: Gate = dataclasses.field(default_factory=Gate)
+    """What the verdicts are held against."""
 
     @property
     def all_verdicts(self) -> list[Verdict]:
         """The verdicts, then those of the other cases."""
         return [*self.verdicts, *(one for report in self.cases.values() for one in report.verdicts)]
+
+    @property
+    def all_not_made(self) -> list[NotMade]:
+        """The claims that were not made, then those of the other cases."""
+        return [*self.not_made, *(one for report in self.cases.values() for one in report.not_made)]
+
+    @property
+    def departures(self) -> list[Departure]:
+        """What departs from what is expected, in all cases."""
+        return self.gate.departures(self.all_verdicts, self.all_not_made)
+
+    @property
+    def stopped(self) -> list[tuple[str, str]]:
+        """The controllers that did not come to their end, with the reason that the run noted."""
+        return self.campaign.stopped
 
     @property
     def case(self) -> str:
@@ -140,7 +154,10 @@ def write_into(report: Report, draft: Path, *, show_progress: bool = True) -> No
     """
     campaign = report.campaign
     _text(draft / "verdicts.json", json.dumps(verdicts_json(report), indent=2, allow_nan=False))
-    _text(draft / "verdicts.xml", junit(campaign.study.name, _version(report), report.all_verdicts))
+    _text(
+        draft / "verdicts.xml",
+        junit(campaign.study.name, _version(report), report.all_verdicts, report.all_not_made, report.gate),
+    )
     parts: list[Part] = []
     for folder, one in _folders(report, draft):
         scores = all_scores(one)
@@ -178,17 +195,31 @@ def _part(report: Report, first: int, figures: Sequence[Drawn], scores: Scores, 
         controllers=controllers,
         claims=claims,
         counts={standing: sum(one.standing is standing for one in report.verdicts) for standing in Standing},
+        not_made=_grouped(report.not_made),
         tables=report.tables,
         metrics=list(dict.fromkeys(metric for row in scores.values() for metric in row)),
         scores=scores,
-        stopped=_stopped(report),
+        stopped=report.stopped,
         figures=figures,
     )
 
 
+def _grouped(not_made: Sequence[NotMade]) -> dict[tuple[str, str], list[NotMade]]:
+    """Return claims that were not made by controller and by what they lack."""
+    found: dict[tuple[str, str], list[NotMade]] = {}
+    for one in not_made:
+        found.setdefault((one.controller or "", one.lacks), []).append(one)
+    return found
+
+
 def verdicts_json(report: Report) -> list[dict[str, object]]:
     """Return the content of ``verdicts.json``."""
-    return [verdict.as_json() for verdict in report.all_verdicts]
+    return [*(one.as_json() for one in report.all_verdicts), *(one.as_json() for one in report.all_not_made)]
+
+
+def exit_status(report: Report) -> int:
+    """Return the exit status of ``workbench verify``: see :meth:`verification.report.gate.Gate.status`."""
+    return report.gate.status(report.all_verdicts, report.all_not_made)
 
 
 def all_scores(report: Report) -> Scores:
@@ -199,73 +230,13 @@ def all_scores(report: Report) -> Scores:
     return scores
 
 
-def exit_status(report: Report, *, strict: bool = False) -> int:
-    """Return 3 if any claim is refuted and ``strict``, else 1 if any is undecided, else 0."""
-    standings = {verdict.standing for verdict in report.all_verdicts}
-    if strict and Standing.REFUTED in standings:
-        return 3
-    return 1 if Standing.UNDECIDED in standings else 0
-
-
-def verdict_table(report: Report) -> list[tuple[str, ...]]:
-    """Return the verdicts as rows of short text, a header first, for a terminal."""
-    several = bool(report.cases)
-    rows: list[tuple[str, ...]] = [(*(("case",) if several else ()), "claim", "controller", "standing", "margin")]
-    for one in report.all_verdicts:
-        unit = one.unit if one.margin is not None and one.unit != "1" else ""
-        margin = "-" if one.margin is None else f"{one.margin:.4g} {unit}".rstrip()
-        case = (one.case,) if several else ()
-        rows.append((*case, one.claim, one.controller or "-", str(one.standing), margin))
-    return rows
-
-
-def tally(report: Report) -> str:
-    """Return how many claims have which standing, in one line."""
-    counts = {standing: sum(one.standing is standing for one in report.all_verdicts) for standing in Standing}
-    return f"{len(report.all_verdicts)} verdicts: " + ", ".join(f"{counts[one]} {one}" for one in Standing)
-
-
-def fragment(report: Report) -> str:
-    """Return the verdicts as an HTML table for a notebook, under how many there are of each standing."""
-    colours = {
-        Standing.PROVED: "#0b6b43",
-        Standing.SUPPORTED: "#0f5a96",
-        Standing.REFUTED: "#a8201a",
-        Standing.UNDECIDED: "#6b5200",
-    }
-    left = Markup('<td style="text-align:left">{}</td>')
-    rows = [
-        Markup("<tr>{}</tr>").format(
-            Markup("").join(
-                [
-                    left.format(Markup("<code>{}</code>").format(one.label)),
-                    left.format(one.controller or "–"),
-                    left.format(
-                        Markup('<b style="color:{}">{} {}</b>').format(
-                            colours[one.standing], STANDINGS[one.standing][0], str(one.standing)
-                        )
-                    ),
-                    left.format(
-                        f"{shown(one.margin)} {one.unit if one.margin is not None and one.unit != '1' else ''}"
-                    ),
-                    left.format(one.statement),
-                ]
-            )
-        )
-        for one in report.all_verdicts
-    ]
-    names = ("claim", "controller", "standing", "margin", "statement")
-    head = Markup("").join(Markup('<th scope="col" style="text-align:left">{}</th>').format(name) for name in names)
-    table = Markup("<p>{}</p><table><thead><tr>{}</tr></thead><tbody>{}</tbody></table>")
-    return str(table.format(tally(report), head, Markup("").join(rows)))
-
-
 def html(report: Report, parts: Sequence[Part]) -> str:
     """Return ``report.html``: one file that fetches nothing and runs nothing, with a section a case."""
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {"number": shown, "breakable": breakable, "setting": setting}
+    numbers = {one.key: number for part in parts for number, one in part.verdicts}
     template = environment.from_string(files(__package__).joinpath("report.html.j2").read_text(encoding="utf-8"))
     study = report.campaign.study
     counts = {standing: sum(one.standing is standing for one in report.all_verdicts) for standing in Standing}
@@ -278,50 +249,20 @@ def html(report: Report, parts: Sequence[Part]) -> str:
         equations=list(_equations(study)),
         settings=settings.rows(study),
         witness=witness,
+        scope=scope,
+        evidence=evidence,
+        measure=measure,
+        meant=meant,
+        mark=partial(mark, report),
+        departure=report.gate.departure,
+        fallen=fallen(report),
+        contradictions=[one for one in report.all_verdicts if one.contradiction],
+        departures=report.departures,
+        named=named,
+        numbers=numbers,
         Markup=Markup,
     )
     return clean(page)
-
-
-def shown(value: float | None) -> str:
-    """Return a number in four digits, with a power of ten where it is far from one."""
-    if value is None:
-        return "–"
-    if not math.isfinite(value):
-        return "not finite"
-    digits, _, exponent = f"{value:.4g}".partition("e")
-    digits = digits.replace("-", "−")
-    return f"{digits}·10{str(int(exponent)).translate(SUPERSCRIPTS)}" if exponent else digits
-
-
-def shown_value(value: object, number: Callable[[float], str] = shown) -> str:
-    """Return any value of a witness or a setting as short text: of a long row, both ends."""
-    if isinstance(value, str) or value is None:
-        return "none" if value is None else value
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, (np.ndarray, np.generic)):
-        return shown_value(value.tolist(), number)
-    if isinstance(value, Mapping):
-        return f"({', '.join(f'{key} = {shown_value(inner, number)}' for key, inner in value.items())})"
-    if isinstance(value, (list, tuple)):
-        texts = [shown_value(one, number) for one in (value if len(value) <= FEW else [*value[:3], value[-1]])]
-        if len(value) <= FEW:
-            return f"[{', '.join(texts)}]"
-        return f"[{', '.join(texts[:3])}, …, {texts[3]}] ({len(value)} values)"
-    if isinstance(value, int):
-        return str(value).replace("-", "−")
-    return number(value) if isinstance(value, float) else str(value)
-
-
-def setting(value: object) -> str:
-    """Return a setting's value as text, its numbers in full."""
-    return shown_value(value, lambda number: f"{number:.12g}")
-
-
-def witness(verdict: Verdict) -> list[tuple[str, str]]:
-    """Return a verdict's witness as pairs of text."""
-    return [(str(key), shown_value(value)) for key, value in (verdict.witness or {}).items()]
 
 
 def at_a_glance(verdicts: Sequence[Numbered]) -> tuple[list[str], dict[str, dict[str, list[Numbered]]]]:
@@ -333,22 +274,8 @@ def at_a_glance(verdicts: Sequence[Numbered]) -> tuple[list[str], dict[str, dict
     return controllers, claims
 
 
-def breakable(text: str) -> Markup:
-    """Return a name or unit that a narrow column may break after its dots, underscores and slashes."""
-    return Markup("<wbr>").join(re.findall(r"[^._/]*[._/]?", text))
-
-
 def _version(report: Report) -> str:
     return str(report.campaign.data.attrs.get("version", ""))
-
-
-def _stopped(report: Report) -> list[tuple[str, str]]:
-    """Return why controllers were refused or stopped, as the run noted it."""
-    data = report.campaign.data
-    if "stopped" not in data:
-        return []
-    reasons = zip(data["controller"].values, data["stopped"].values, strict=True)
-    return [(str(controller), str(reason)) for controller, reason in reasons if reason]
 
 
 def _text(file: Path, content: str) -> None:
@@ -382,8 +309,9 @@ def _drawn(report: Report, folder: Path, shown: Progress, *, evidence: bool) -> 
             except OSError:
                 raise
             except Exception as error:
-                said = str(error) if isinstance(error, InvalidValue) else f"{type(error).__name__}: {error}"
-                log.warning("the figure %s could not be drawn: %s", name, said)
+                known = isinstance(error, InvalidValue)
+                said = str(error) if known else f"the program met {type(error).__name__}, see its log"
+                log.warning("the figure %s could not be drawn: %s", name, said, exc_info=None if known else error)
                 drawn.append(Drawn(name, figure.caption, 0, 0, None, said))
             else:
                 drawn.append(embedded(name, figure.caption, folder))

@@ -9,7 +9,8 @@ import numpy as np
 
 from verification.theorems.dossier import Dossier
 from workbench.contracts.examination import Table
-from workbench.contracts.verdict import Standing, Verdict
+from workbench.contracts.finding import Standing
+from workbench.contracts.verdict import Verdict
 
 BROKEN = {
     "A2.printed": "A2.printed (one bound for all ratios)",
@@ -38,7 +39,8 @@ def paragraphs(files: Sequence[Dossier], verdicts: Sequence[Verdict]) -> Sequenc
     if files:
         said.append(
             "PROVED speaks of the boxes below only: what each controller's run met, a little wider. A trial that "
-            "leaves its box, another plant or measurement noise is not covered; SUPPORTED speaks of this run."
+            "leaves its box, another plant or measurement noise is not covered, and that no later trial leaves it is "
+            "not shown; SUPPORTED speaks of this run."
         )
     return said
 
@@ -114,12 +116,11 @@ def _sentences(d: Dossier, own: Mapping[str, Verdict], repaired: Sequence[str]) 
         )
     text += _increment(own) or _lifted(own)
     text += _estimate(d, own)
-    if broken and d.law.learns_on != "increment" and repaired:
-        text.append(f"What to do: use {_listed(repaired)}, proved to converge over its box without measurement noise.")
-    elif broken and d.law.learns_on != "increment" and e.degree == 1:
+    if broken and d.law.learns_on != "increment" and e.degree == 1:
+        covered = f" ({_listed(repaired)} is covered here)" if repaired else ""
         text.append(
-            "What to do: learn on the increment of the output (the law Increment), and verify again: there "
-            "convergence can be proved from the plant's equations."
+            f"A theorem of another kind speaks of laws that learn on the increment of the output{covered}. It says "
+            "nothing of noise, of other masses or of other starts, so try such a law on these before it is used."
         )
     return text
 
@@ -127,20 +128,24 @@ def _sentences(d: Dossier, own: Mapping[str, Verdict], repaired: Sequence[str]) 
 def _increment(own: Mapping[str, Verdict]) -> list[str]:
     covered = "A theorem of its own covers this law:"
     if _stands(own, "increment_monotone", Standing.PROVED):
-        factor = _number(own["increment_monotone"], "factor_at_phi0", np.nan)
+        factor = _number(own["increment_monotone"], "factor_at_phi0", 1.0)
         return [
-            f"{covered} the largest input error provably never grows from a trial to the next, for every phi > 0, and "
-            f"while phi stays at phi(k,1) it shrinks to {100 * factor:.3g} % wherever the trial reaches: monotone "
-            "convergence."
+            f"{covered} while trials stay in the box the largest input error provably never grows from a trial to the "
+            f"next, for every phi > 0, and while phi stays at phi(k,1) it shrinks to {100 * factor:.3g} % wherever the "
+            "trial reaches: monotone convergence."
         ]
     if _stands(own, "increment_weighted", Standing.PROVED):
-        rise = _number(own["increment_weighted"], "transient", np.inf)
-        sense = "too large to be of use" if rise > USELESS else "a pessimistic bound"
+        rise = _number(own["increment_weighted"], "transient", 0.0)
+        if not 0 < rise <= USELESS:
+            return [
+                "A theorem of its own says that a weighted input error never grows, but leaves room for so large a "
+                "transient that it is of no use here."
+            ]
         return [
-            f"{covered} a weighted input error provably never grows and, while the estimate stays bounded, shrinks "
-            "wherever trials reach, so the law converges. The largest input error itself may rise on the way, because "
-            "what earlier inputs do to a sample can outweigh what its own input does there (on a line with grades, "
-            f"through the position), but at most {rise:.3g} times, {sense}."
+            f"{covered} while trials stay in the box a weighted input error provably never grows and, while the "
+            "estimate stays bounded, shrinks wherever trials reach. The largest input error itself may rise on the "
+            "way, because what earlier inputs do to a sample can outweigh what its own input does there, but at most "
+            f"{rise:.3g} times, a pessimistic bound."
         ]
     return []
 
@@ -156,14 +161,11 @@ def _lifted(own: Mapping[str, Verdict]) -> list[str]:
         return []
     kept = 100 * (1 - (own["asymptotic"].margin or 0.0))
     peak = (own["monotone"].witness or {}).get("singular_value") if "monotone" in own else None
-    how = (
-        "monotonically"
-        if _stands(own, "monotone", Standing.SUPPORTED) or peak is None
-        else f"but one trial may raise it {peak:.3g} times"
-    )
+    rises = _stands(own, "monotone", Standing.REFUTED) and isinstance(peak, SupportsFloat)
+    how = f", but one trial may raise it {peak:.3g} times" if rises else ""
     return [
-        f"Linearised along the last trial the error vanishes in the end, {how}; the slowest sample keeps {kept:.6g} % "
-        "of its error from trial to trial. That is no proof for the plant itself."
+        f"Linearised along the last trial the error vanishes in the end{how}; what falls slowest keeps {kept:.6g} % "
+        "from trial to trial. That is no proof for the plant itself."
     ]
 
 

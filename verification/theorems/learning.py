@@ -2,173 +2,345 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
-from verification.checks import assumptions, convergence, increment
+from verification.checks import (
+    assumption_replays,
+    assumptions,
+    continuity,
+    convergence,
+    error_map,
+    increment,
+    learning_curve,
+)
+from verification.checks.error_map_replay import replay_monotone
 from verification.checks.premises import same_plant
 from verification.theorems import conclusion
 from verification.theorems.dossier import Dossier
 from verification.theorems.pictures import figures
+from workbench.contracts.claim import Claim, Held, Range, Role
 from workbench.contracts.examination import Examination
+from workbench.contracts.finding import Finding, undecided
 from workbench.contracts.number import finite
-from workbench.contracts.verdict import Claim, Finding, undecided
-from workbench.evidence.trajectory import one_channel, trials_done
 from workbench.trials.campaign import Campaign
 
 PAPER = "Jiao & Hou 2025"
+GUESS = "an estimate of the pseudo partial derivative (estimator)"
 
 
 def examine(campaign: Campaign, *, full: bool = False) -> Examination:
-    """Return the examination of every learning law of a campaign; ``full`` adds the sweep over the force unit."""
-    several = one_channel(campaign.study.plant_that_runs)
-    files = [] if several else dossiers(campaign)
-    if several is not None:
-        return Examination(claims=[], conclude=lambda verdicts: [f"No claim of learning laws was made: {several}."])
-    claims = [claim for dossier in files for claim in claims_of(dossier)]
-    if (moving := same_plant(campaign.study)) is not None:
-        # no derivative is that of the plant: only what speaks of lengths alone is looked at
-        claims = [claim if claim.name.endswith(".A3") else _left_open(claim, moving) for claim in claims]
-        return Examination(claims=claims, conclude=lambda verdicts: [f"Nothing is proved here: {moving}."])
+    """Return the examination of every law of a campaign; ``full`` adds the sweep over the force unit.
+
+    Every claim is made of every law, or says which declared property it lacks.
+    """
+    files = [Dossier(campaign, str(name)) for name in campaign.data["controller"].values]
+    shown = [one for one in files if not one.lacks and one.done >= 2 and same_plant(campaign.study) is None]
     return Examination(
-        claims=claims,
-        conclude=partial(conclusion.paragraphs, files),
-        figures=partial(figures, files, full),
-        tables=partial(conclusion.boxes, files),
-        scores=partial(scores, campaign, files),
+        claims=[claim for dossier in files for claim in claims_of(dossier)],
+        conclude=partial(conclusion.paragraphs, shown),
+        figures=partial(figures, shown, full),
+        tables=partial(conclusion.boxes, shown),
+        scores=partial(scores, campaign, shown),
     )
 
 
-def _left_open(claim: Claim, reason: str) -> Claim:
-    """Return a claim whose check says that it cannot tell, and why."""
-    return dataclasses.replace(claim, check=lambda: undecided(reason))
-
-
 def dossiers(campaign: Campaign) -> list[Dossier]:
-    """Return a dossier for every controller that learns and ran at least two trials."""
-    names = [str(name) for name in campaign.data["controller"].values]
-    learners = [name for name in names if campaign.study.controllers[name].learns_on is not None]
-    return [Dossier(campaign, name) for name in learners if trials_done(campaign, name) >= 2]
+    """Return a dossier for every controller of which the claims have a meaning, and that ran at least two trials."""
+    files = [Dossier(campaign, str(name)) for name in campaign.data["controller"].values]
+    return [one for one in files if not one.lacks and one.done >= 2]
 
 
 def claims_of(d: Dossier) -> list[Claim]:
     """Return the claims on one controller, in the order of the paper."""
-    study = d.study.name
+    return [*_assumptions(d), *_adaptive(d), *_maps(d), *_increments(d)]
 
-    def claim(name: str, statement: str, source: str, check: Callable[[], Finding]) -> Claim:
-        return Claim(name=f"{study}.{name}", statement=statement, source=source, check=check, controller=d.controller)
 
-    plant = d.plant
-    found = [
-        claim(
+def _claim(
+    d: Dossier,
+    name: str,
+    statement: str,
+    source: str,
+    check: Callable[[], Finding],
+    *,
+    role: Role,
+    lacks: str = "",
+    premises: Sequence[Claim] = (),
+    rests_on: Sequence[Claim] = (),
+    scope: Callable[[], Mapping[str, Range]] = dict,
+    replay: Callable[[Mapping[str, object]], float] | None = None,
+    attack: Callable[[Finding], Held] | None = None,
+) -> Claim:
+    """Return a claim on a controller; a law of which too few trials ran leaves it open."""
+
+    def looked() -> Finding:
+        if d.done < 2:
+            why = d.stopped or "run more"
+            return undecided(f"fewer than two trials were run, so there is nothing to look at: {why}")
+        return check()
+
+    missing = d.lacks or lacks
+    return Claim(
+        name=f"{d.study.name}.{name}",
+        statement=statement,
+        source=source,
+        check=looked,
+        controller=d.controller,
+        role=role,
+        premises=() if missing or d.done < 2 else premises,
+        rests_on=rests_on,
+        lacks=missing,
+        scope=scope,
+        replay=replay,
+        attack=attack,
+    )
+
+
+def _assumptions(d: Dossier) -> list[Claim]:
+    """Return the claims about the plant and the trials: Assumptions 1 to 4 and Lemma 1."""
+    study, law = d.study, d.study.scenario.trial_length
+    alike, one, scope = d.premises.same_but_for_the_input, d.premises.same_plant, d.premises.scope_holds_disturbances
+    unknown = "a distribution of trial lengths: " if study.plant_that_runs.ends or law.lengths else ""
+    if unknown:
+        unknown += "trials end by an event of the plant" if study.plant_that_runs.ends else "the lengths are given"
+    return [
+        _claim(
+            d,
             "A1",
-            "The derivative of the output by the input exists and is continuous.",
+            "The derivative of the output by the input exists and is continuous, at every sample of the scope.",
             f"{PAPER}, Assumption 1",
-            lambda: assumptions.continuous_slope(plant, d.box, d.evidence.degree),
+            lambda: d.refuted_in_the_hull(lambda box: continuity.continuous_slope(d.plant, box, d.evidence.degree)),
+            role=Role.PRINTED,
+            premises=(one, scope),
+            scope=d.scope,
+            replay=lambda witness: continuity.replay(d.plant, d.evidence.degree, witness),
+            attack=d.attack_continuity,
         ),
-        claim(
+        _claim(
+            d,
             "A2.printed",
             "One p bounds |ds(k+1, i)| <= p |du(k, i)| wherever du(k, i) is not 0.",
             f"{PAPER}, Assumption 2",
-            lambda: assumptions.lipschitz_printed(plant, d.evidence, d.box),
+            lambda: assumptions.lipschitz_printed(d.plant, d.evidence, d.box),
+            role=Role.PRINTED,
+            premises=(alike, scope),
+            scope=d.scope,
+            replay=lambda witness: assumption_replays.replay_vanishing(d.plant, d.evidence, witness),
+            attack=d.attack_ratio,
         ),
-        claim(
+        _claim(
+            d,
             "A2.lifted",
-            "Repaired: |ds(k+1)| <= p max over j <= k of |du(j)|, p the largest row sum of the lifted plant.",
+            "Repaired: |ds(k+d)| <= p max over j <= k of |du(j)|, p the largest row sum of the lifted plant, d the "
+            "relative degree, for trials that stay in the scope.",
             f"ours, for {PAPER}, Assumption 2",
-            lambda: assumptions.lipschitz_lifted(plant, d.evidence, d.box),
+            lambda: assumptions.lipschitz_lifted(d.plant, d.evidence, d.slopes, d.box),
+            role=Role.REPAIRED,
+            premises=(alike,),
+            scope=d.scope,
+            attack=d.attack_row_sums,
         ),
-        claim(
+        _claim(
+            d,
             "A3",
             "Trial lengths follow their distribution, and p(k) is the probability that a trial reaches k.",
             f"{PAPER}, Assumption 3",
             lambda: assumptions.trial_lengths(d.study, d.lengths),
+            role=Role.PRINTED,
+            lacks=unknown,
         ),
-        claim(
+        _claim(
+            d,
             "A4.printed",
             "The realised PPD is positive at every trial and sample.",
             f"{PAPER}, Assumption 4",
-            lambda: assumptions.sign_printed(plant, d.evidence, d.box),
+            lambda: d.refuted_in_the_hull(lambda box: assumptions.sign_printed(d.plant, d.evidence, box)),
+            role=Role.PRINTED,
+            premises=(alike, scope),
+            scope=d.scope,
+            replay=lambda witness: assumption_replays.replay_sign(d.plant, d.evidence, witness),
+            attack=d.attack_slopes,
         ),
-        claim(
+        _claim(
+            d,
             "A4.partial",
-            "The partial derivative of the output by the input is positive.",
+            "The partial derivative of the learned signal by the input is positive.",
             f"ours, for {PAPER}, Assumption 4",
-            lambda: assumptions.sign_partial(plant, d.evidence, d.box),
+            lambda: d.refuted_in_the_hull(lambda box: assumptions.sign_partial(d.plant, d.evidence, box)),
+            role=Role.REPAIRED,
+            premises=(one, scope),
+            scope=d.scope,
+            replay=lambda witness: assumption_replays.slope_at(d.plant, d.evidence, witness),
+            attack=d.attack_slopes,
         ),
-        claim(
+        _claim(
+            d,
             "lemma1",
             "ds(k+1, i) = phi_c(k, i) du(k, i) with a bounded phi_c.",
             f"{PAPER}, Lemma 1, (5)",
-            lambda: assumptions.data_model(plant, d.evidence, d.box),
+            lambda: assumptions.data_model(d.plant, d.evidence, d.box),
+            role=Role.PRINTED,
+            premises=(alike, scope),
+            scope=d.scope,
+            replay=lambda witness: assumption_replays.replay_lemma(d.plant, d.evidence, witness),
+            attack=d.attack_ratio,
         ),
     ]
-    if d.law.estimator is not None:
-        found += [
-            claim(
-                "estimator",
-                "The estimate stays bounded, and keeps the sign of phi(k,1).",
-                f"{PAPER}, (12), (13), (15)",
-                lambda: convergence.estimator_bounded(d.evidence),
+
+
+def _adaptive(d: Dossier) -> list[Claim]:
+    """Return the claims on the estimate, and on what Theorem 1's argument asks of it."""
+    guess = "" if d.lacks or d.law.estimator is not None else GUESS
+    alike, one, scope = d.premises.same_but_for_the_input, d.premises.same_plant, d.premises.scope_holds_disturbances
+    return [
+        _claim(
+            d,
+            "estimator",
+            "In the run the estimate stays bounded, and keeps the sign of phi(k,1).",
+            f"{PAPER}, (12), (13), (15)",
+            lambda: convergence.estimator_bounded(d.evidence),
+            role=Role.PRINTED,
+            lacks=guess,
+        ),
+        _claim(
+            d,
+            "lambda_min.partial",
+            "lambda exceeds (rho b)^2/4 with b the largest partial derivative.",
+            f"{PAPER}, Theorem 1",
+            lambda: d.refuted_in_the_hull(
+                lambda box: convergence.lambda_partial(d.plant, d.evidence, d.slopes_over(box), box)
             ),
-            claim(
-                "lambda_min.partial",
-                "lambda exceeds (rho b)^2/4 with b the largest partial derivative.",
-                f"{PAPER}, Theorem 1",
-                lambda: convergence.lambda_partial(plant, d.evidence, d.box),
+            role=Role.PRINTED,
+            lacks=guess,
+            premises=(one, scope),
+            scope=d.scope,
+            replay=lambda witness: (
+                d.estimator.lam
+                - convergence.lambda_min(d.estimator, abs(assumption_replays.slope_at(d.plant, d.evidence, witness)))
             ),
-            claim(
-                "lambda_min.realised",
-                "lambda exceeds (rho b)^2/4 with b the largest realised ratio, which is what the proof speaks of.",
-                f"{PAPER}, Theorem 1",
-                lambda: convergence.lambda_realised(d.evidence),
+            attack=d.attack_slopes,
+        ),
+        _claim(
+            d,
+            "lambda_min.realised",
+            "lambda exceeds (rho b)^2/4 with b the largest realised ratio, which is what the proof speaks of.",
+            f"{PAPER}, Theorem 1",
+            lambda: convergence.lambda_realised(d.evidence),
+            role=Role.PRINTED,
+            lacks=guess,
+            premises=(alike,),
+            replay=lambda witness: (
+                d.estimator.lam
+                - convergence.lambda_min(d.estimator, abs(assumption_replays.ratio_at(d.plant, d.evidence, witness)))
             ),
-            claim(
-                "theorem1",
-                "The error contracts at every trial and sample: |1 - rho phi_c phi/(lambda + phi^2)| < 1.",
-                f"{PAPER}, Theorem 1",
-                lambda: convergence.theorem_printed(d.evidence, d.mse),
-            ),
-        ]
-    found += [
-        claim(
+        ),
+        _claim(
+            d,
+            "theorem1",
+            "The error contracts at every trial and sample: |1 - rho phi_c phi/(lambda + phi^2)| < 1.",
+            f"{PAPER}, Theorem 1",
+            lambda: convergence.theorem_printed(d.evidence, d.mse),
+            role=Role.PRINTED,
+            lacks=guess,
+            premises=(alike,),
+            replay=lambda witness: convergence.factor_margin(d.plant, d.evidence, witness),
+        ),
+    ]
+
+
+def _maps(d: Dossier) -> list[Claim]:
+    """Return the claims on the map between trials, which is taken along the last trial."""
+    ran, one = d.premises.ran, d.premises.same_plant
+    return [
+        _claim(
+            d,
             "asymptotic",
-            "Every diagonal entry of I - G L lies in (-1, 1): the error vanishes in the end.",
+            "The map between trials along the last one has a spectral radius below 1, and its limit has no error.",
             "lifted ILC theory, asymptotic convergence",
-            lambda: convergence.asymptotic(d.error_map, d.reach),
+            lambda: error_map.asymptotic(d.error_map, d.reach),
+            role=Role.REPAIRED,
+            premises=(ran, one, d.premises.no_noise),
         ),
-        claim(
+        _claim(
+            d,
             "monotone",
-            "The largest singular value of I - G L is below 1: the error's 2-norm falls from trial to trial.",
+            "The map's largest singular value is below 1: the 2-norm of the error, or of the plan's distance to its "
+            "limit, falls from trial to trial.",
             "lifted ILC theory, monotone convergence",
-            lambda: convergence.monotone(d.error_map),
+            lambda: error_map.monotone(d.error_map),
+            role=Role.REPAIRED,
+            premises=(one,),
+            replay=lambda witness: replay_monotone(d.campaign, d.controller, witness),
         ),
-        claim(
+        _claim(
+            d,
             "peak",
-            "The frozen map I - G L predicts the largest MSE of the campaign within a factor of 3.",
+            "The map between trials, frozen at the last one, predicts the largest MSE of the campaign within a factor "
+            "of 3.",
             "ours",
-            lambda: convergence.peak(d.mse, d.predicted_mse),
+            lambda: learning_curve.peak(d.mse, d.predicted_mse),
+            role=Role.REPAIRED,
+            lacks=_no_rise(d),
+            premises=(one,),
         ),
     ]
-    if d.law.learns_on == "increment" and d.law.estimator is not None:
-        found += [
-            claim(
-                "increment_monotone",
-                "The largest input error falls from trial to trial for every phi > 0.",
-                "ours",
-                lambda: increment.monotone(plant, d.evidence, d.box),
-            ),
-            claim(
-                "increment_weighted",
-                "The weighted input error max |d(k)| a^k falls from trial to trial for every phi > 0.",
-                "ours",
-                lambda: increment.weighted(plant, d.evidence, d.box),
-            ),
-        ]
-    return found
+
+
+def _no_rise(d: Dossier) -> str:
+    """Return that there is no rise whose height could be predicted, or an empty text."""
+    rise = None if d.lacks or d.done < 2 else learning_curve.no_rise(d.mse)
+    return f"a rise of the error: {rise}" if rise else ""
+
+
+def _increments(d: Dossier) -> list[Claim]:
+    """Return the theorems on learning from the output's increments."""
+    lacks = "" if d.lacks or d.law.estimator is not None else GUESS
+    if not d.lacks and d.law.learns_on != "increment":
+        lacks = "learning on the output's increments (learns_on)"
+    p = d.premises
+    shared = (
+        p.first_degree,
+        p.unfiltered,
+        p.positive_estimate,
+        p.same_but_for_the_input,
+        p.scope_holds_disturbances,
+        p.no_noise,
+        p.nothing_between,
+        p.plan_alone,
+    )
+    return [
+        _claim(
+            d,
+            "increment_monotone",
+            "The largest input error max |u* - u| falls from trial to trial for every phi > 0, in trials that stay in "
+            "the scope.",
+            "ours",
+            lambda: increment.monotone(d.estimator, d.slopes, d.wanted, d.plant, d.box),
+            role=Role.REPAIRED,
+            lacks=lacks,
+            premises=shared,
+            rests_on=(p.follows,),
+            scope=d.scope,
+            replay=lambda witness: increment.replay(d.estimator, d.wanted, witness),
+            attack=lambda found: d.attack_contraction(1.0),
+        ),
+        _claim(
+            d,
+            "increment_weighted",
+            "The weighted input error max |u*(k) - u(k)| a^k falls from trial to trial for every phi > 0, in trials "
+            "that stay in the scope.",
+            "ours",
+            lambda: increment.weighted(d.estimator, d.slopes, d.plant, d.box, d.study.horizon),
+            role=Role.REPAIRED,
+            lacks=lacks,
+            premises=shared,
+            rests_on=(p.follows,),
+            scope=d.scope,
+            attack=lambda found: d.attack_contraction(found.bound or 1.0),
+        ),
+    ]
 
 
 def scores(campaign: Campaign, files: Sequence[Dossier]) -> Mapping[str, Mapping[str, float | None]]:

@@ -6,7 +6,8 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from workbench.contracts.verdict import Claim, Verdict
+from workbench.contracts.claim import Claim, Expectations
+from workbench.contracts.verdict import Verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
@@ -42,3 +43,5 @@ class Examination:
     figures: Callable[[], Mapping[str, Figure]] = dict
     tables: Callable[[], Sequence[Table]] = list
     scores: Callable[[], Mapping[str, Mapping[str, float | None]]] = dict
+    expectations: Expectations = dataclasses.field(default_factory=dict)
+    """How the claims are expected to stand in the cases as shipped, written by hand."""

@@ -22,6 +22,7 @@ from models.quantity import InvalidValue, count, declared, given, nested, part, 
 from models.reference import Given, Reference
 from models.trying import tried
 from workbench.contracts import drawn
+from workbench.contracts.claim import Claim, Expectations, Expected
 from workbench.contracts.law import AnyLaw, Law, Task
 from workbench.contracts.plainly import as_departure, as_disturbance, as_initial, as_noise, as_plan
 from workbench.contracts.prepared import chance_of, prepared, refusal_of
@@ -39,7 +40,6 @@ from workbench.contracts.trial_length import TrialLength, as_trial_length
 from workbench.contracts.tuning import Progress as Progress
 from workbench.contracts.tuning import Tuned as Tuned
 from workbench.contracts.tuning import Tuning as Tuning
-from workbench.contracts.verdict import Claim
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -182,6 +182,9 @@ class Study:
     claims: tuple[Claimer, ...] = given(
         default=(), doc="make claims on a campaign from the study and its record, besides those that are installed"
     )
+    expected: Expectations = given(
+        default={}, doc="how claims are expected to stand, by name without the study's, besides what is installed"
+    )
 
     def check(self) -> None:
         """Raise InvalidValue where plant, reference, scenario and controllers do not fit together."""
@@ -189,6 +192,7 @@ class Study:
             for name, value in self.compose(self.own, self.seed).items():
                 self._set(name, value)
         self._check_names()
+        self._check_expected()
         self._check_plant()
         if not isinstance(self.reference, Reference):
             self._set("reference", Given(values=self.reference))
@@ -210,6 +214,16 @@ class Study:
                 raise InvalidValue(f"{what} must be letters, digits, _ and -, got {name!r}")
         check_plain("title", self.title)
         check_plain("source", self.source, lines=True)
+
+    def _check_expected(self) -> None:
+        for claim, said in self.expected.items():
+            if not isinstance(said, (list, tuple)) or not all(isinstance(one, Expected) for one in said):
+                raise InvalidValue(
+                    f"expected[{claim!r}] must be a list of Expected(standing=..., why=...), got {said!r}"
+                )
+            for one in said:
+                if wrong := [case for case in one.cases if case not in ("default", *self.cases)]:
+                    raise InvalidValue(f"expected[{claim!r}] speaks of {wrong[0]!r}, which is no case of {self.name}")
 
     def _check_plant(self) -> None:
         if not isinstance(self.plant, Plant):

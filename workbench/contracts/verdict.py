@@ -1,72 +1,50 @@
-"""What a check says about a claim."""
+"""A claim with what its check found, as it stands in reports and files."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
-from enum import StrEnum
-from typing import SupportsFloat
+import math
+from collections.abc import Mapping, Sequence
 
-import numpy as np
-import xarray as xr
-
-from workbench.contracts.number import finite
+from workbench.contracts.claim import Expected, Held, Range, Role
+from workbench.contracts.finding import Grounds, Standing, plain
 
 DEFAULT = "default"
 """The case that is the study as it is declared."""
 
 
-class Standing(StrEnum):
-    """How a claim stands after a check.
-
-    PROVED: symbolically, by outward-rounded interval arithmetic over a stated box, or by exact algebra.
-    SUPPORTED: sampled, nothing against it found. REFUTED: with a witness that can be replayed. UNDECIDED: the
-    method could not tell, or the check failed.
-    """
-
-    PROVED = "PROVED"
-    SUPPORTED = "SUPPORTED"
-    REFUTED = "REFUTED"
-    UNDECIDED = "UNDECIDED"
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Finding:
-    """What a check found: the part of a verdict that the check itself knows.
+class Premise:
+    """A premise of a verdict, as it was found."""
 
-    ``margin`` is how far the claim is from failing (negative where it fails) in ``unit``; ``witness`` is the very
-    place and values that refute it or are tightest; ``method`` says how it was found, or why nothing was.
-    """
-
+    claim: str
+    statement: str
     standing: Standing
     method: str
-    margin: float | None = None
-    unit: str = ""
-    witness: Mapping[str, object] | None = None
-
-    def __post_init__(self) -> None:
-        """Raise ValueError for a refutation that nobody could replay, and for a witness with a function in it."""
-        if self.standing is Standing.REFUTED and not self.witness:
-            raise ValueError("a claim is refuted with a witness, got none")
-        _plain(self.witness)
-
-
-def undecided(reason: str) -> Finding:
-    """Return the finding of a check that could not tell, with its reason."""
-    return Finding(standing=Standing.UNDECIDED, method=reason)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Claim:
-    """A statement of a paper (or its repair), and the check that looks at it."""
+class NotMade:
+    """A claim that has no meaning here, with the declared property that it lacks."""
 
-    name: str
-    """Dotted, beginning with the study: ``NAME.A4.printed``."""
+    claim: str
+    controller: str | None
     statement: str
     source: str
-    """Paper and equation or assumption."""
-    check: Callable[[], Finding]
-    controller: str | None = None
+    lacks: str
+    case: str = DEFAULT
+
+    def as_json(self) -> dict[str, object]:
+        """Return it as ``verdicts.json`` holds it: without a standing."""
+        return {
+            "claim": self.claim,
+            "case": self.case,
+            "controller": self.controller,
+            "statement": self.statement,
+            "source": self.source,
+            "standing": None,
+            "not_made": self.lacks,
+        }
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -84,45 +62,90 @@ class Verdict:
     method: str
     case: str = DEFAULT
     """The study's case that was looked at."""
+    role: Role = Role.REQUIREMENT
+    bound: float | None = None
+    """What was bounded or measured, in ``bound_unit``."""
+    bound_unit: str = ""
+    grounds: Grounds = Grounds.RUN
+    tries: int = 1
+    premises: Sequence[Premise] = ()
+    scope: Mapping[str, Range] = dataclasses.field(default_factory=dict)
+    held: Held | None = None
+    """How a proved number was held against runs."""
+    replayed: float | None = None
+    """The margin that the witness of a refutation gave when it was replayed."""
+    expected: Expected | None = None
+    contradiction: str = ""
+    """How runs contradict what was proved: a fault of the program, never of the study."""
 
     @property
     def label(self) -> str:
         """The claim's name, with the case where that is not the study as declared."""
         return self.claim if self.case == DEFAULT else f"{self.claim} ({self.case})"
 
+    @property
+    def key(self) -> tuple[str, str, str | None]:
+        """What no two verdicts of a report share."""
+        return self.claim, self.case, self.controller
+
+    @property
+    def departs(self) -> bool:
+        """Whether it stands otherwise than is expected.
+
+        A claim of which nothing is expected must not be refuted; a negative control must.
+        """
+        if self.expected is None:
+            return (self.standing is Standing.REFUTED) is not (self.role is Role.CONTROL)
+        return self.standing is not self.expected.standing
+
+    @property
+    def left_open(self) -> bool:
+        """Whether it is UNDECIDED and was not expected to be."""
+        meant = self.expected is not None and self.expected.standing is Standing.UNDECIDED
+        return self.standing is Standing.UNDECIDED and not meant
+
+    @property
+    def measured(self) -> str:
+        """What was bounded or measured, in words; empty where there is no such number."""
+        if self.bound is None:
+            return ""
+        if not math.isfinite(self.bound):
+            return "not finite"
+        return f"{self.bound:.4g} {self.bound_unit}".rstrip()
+
     def as_json(self) -> dict[str, object]:
         """Return the verdict as ``verdicts.json`` holds it; numbers that are not finite become null."""
+        proved = self.standing is Standing.PROVED
+        expected = self.expected
         return {
             "claim": self.claim,
             "case": self.case,
             "controller": self.controller,
             "statement": self.statement,
             "source": self.source,
+            "role": str(self.role),
             "standing": str(self.standing),
-            "margin": _plain(self.margin),
+            "margin": plain(self.margin),
             "unit": self.unit,
-            "witness": _plain(self.witness),
+            "bound": plain(self.bound),
+            "bound_unit": self.bound_unit,
+            "witness": plain(self.witness),
+            "replayed": plain(self.replayed),
             "method": self.method,
+            "scope": {name: plain(one._asdict()) for name, one in self.scope.items()},
+            "premises": [
+                {"claim": p.claim, "statement": p.statement, "standing": str(p.standing), "method": p.method}
+                for p in self.premises
+            ],
+            "expected": None if expected is None else str(expected.standing),
+            "because": "" if expected is None else expected.why,
+            "published": "" if expected is None else expected.published,
+            "measured": self.measured,
+            "evidence": {
+                "grounds": str(self.grounds),
+                **({"tries": self.tries} if not self.grounds.proves else {}),
+                **({"checked": False} if proved else {}),
+                **({"held_against": self.held.tries, "least_room": plain(self.held.margin)} if self.held else {}),
+                **({"contradiction": self.contradiction} if self.contradiction else {}),
+            },
         }
-
-
-def _plain(value: object) -> object:
-    """Return a value in JSON's types."""
-    if value is None or isinstance(value, (str, bool)):
-        return value
-    if isinstance(value, Mapping):
-        return {str(key): _plain(inner) for key, inner in value.items()}
-    if isinstance(value, (np.ndarray, np.generic, xr.DataArray)):
-        return _plain(np.asarray(value).tolist())
-    if isinstance(value, (list, tuple)):
-        return [_plain(inner) for inner in value]
-    if isinstance(value, int):
-        return value
-    if isinstance(value, SupportsFloat):
-        try:
-            return finite(value)
-        except (TypeError, ValueError, RuntimeError, NotImplementedError):
-            return str(value)
-    if callable(value):  # what would give a value stands where the value was meant
-        raise ValueError(f"a witness holds values, got the function {value!r}")
-    return str(value)

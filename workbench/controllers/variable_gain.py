@@ -48,7 +48,7 @@ class VariableGain(Law[Memory, tuple[()]]):
 
     def place(self, memory: Memory, x0: Expression) -> Expression:
         """Return the initial state: position and speed as learned."""
-        return x0 + memory.moved
+        return d_type.placed(memory, x0)
 
     def act(
         self, memory_k: Memory, state: tuple[()], r: Expression, r_next: Expression, y: Expression

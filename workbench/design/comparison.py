@@ -56,6 +56,7 @@ def comparison(study: Study, laws: Sequence[str] | None = None) -> Study:
         drawings=_drawings,
         sweeps=(),
         claims=(),
+        expected={},
         cases={},
         summary=None,
         derived=None,
@@ -66,7 +67,20 @@ def comparison(study: Study, laws: Sequence[str] | None = None) -> Study:
 
 
 SET_HERE = frozenset(
-    ["name", "title", "source", "controllers", "tuning", "scorers", "drawings", "sweeps", "claims", "cases", "summary"]
+    [
+        "name",
+        "title",
+        "source",
+        "controllers",
+        "tuning",
+        "scorers",
+        "drawings",
+        "sweeps",
+        "claims",
+        "expected",
+        "cases",
+        "summary",
+    ]
 ) | {"derived", "documents", "renamed"}
 """The fields that a comparison sets, whatever the study's own settings make of them."""
 

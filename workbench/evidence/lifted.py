@@ -17,6 +17,8 @@ from scipy.sparse import linalg
 from models.array import Array
 from workbench.evidence.trajectory import Linearisation, partial
 
+VECTORS = 60  # kept by the iteration: singular values that lie close together need many
+SMALLEST = 4  # rows, below which there is nothing to iterate on
 Product = Callable[[Array], Array]
 """A linear operator by its products."""
 
@@ -114,10 +116,13 @@ def largest_singular_value(
 
     ``upper`` is a bound known otherwise, e.g. sqrt(largest row sum * largest column sum).
     """
-    square = linalg.LinearOperator((size, size), matvec=lambda v: adjoint(apply(np.ravel(v))), dtype=float)
-    start = np.random.default_rng(seed).standard_normal(size)
-    _, right = linalg.eigsh(square, k=1, v0=start, tol=tolerance, which="LA")
-    vector = right[:, 0] / np.linalg.norm(right[:, 0])
+    if size < SMALLEST:
+        vector = np.linalg.svd(np.array([apply(one) for one in np.eye(size)]).T)[2][0]
+    else:
+        square = linalg.LinearOperator((size, size), matvec=lambda v: adjoint(apply(np.ravel(v))), dtype=float)
+        start = np.random.default_rng(seed).standard_normal(size)
+        _, right = linalg.eigsh(square, k=1, v0=start, ncv=min(size, VECTORS), tol=tolerance, which="LA")
+        vector = right[:, 0] / np.linalg.norm(right[:, 0])
     image = apply(vector)
     value = float(np.linalg.norm(image))
     residual = float(np.linalg.norm(adjoint(image) - value**2 * vector)) / value if value else 0.0

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
+from math import isfinite
 from typing import Protocol
 
+from workbench.graph.arithmetic import RATIONALS
 from workbench.graph.graph import Graph
 from workbench.graph.operations import BOOLEAN, CONSTANT, LOOKUP, OPERATIONS, Critical, Kind, Maker, first
 
@@ -47,12 +50,24 @@ def critical(nodes: Sequence[Operated], node: Operated) -> Critical | None:
         known = OPERATIONS[node.op].critical if node.op in OPERATIONS else None
         held = all(nodes[arg].op == CONSTANT for arg in node.args)
         return None if known and known.edge and held else known  # a number at the end of a domain moves nowhere
-    exponent = nodes[node.args[1]]
-    if exponent.op != CONSTANT:
+    exponent = _number(nodes, node.args[1])
+    if exponent is None:
         return _FREE_BASE
-    if exponent.value.is_integer():
-        return None if exponent.value >= 0 else _NEGATIVE_POWER
-    return _ROOT if exponent.value > 0 else _FREE_BASE
+    if exponent.denominator == 1:
+        return None if exponent >= 0 else _NEGATIVE_POWER
+    return _ROOT if exponent > 0 else _FREE_BASE
+
+
+def _number(nodes: Sequence[Operated], place: int) -> Fraction | None:
+    """Return the number that a node is, as exponents of derivatives are sums of numbers; None where it is none."""
+    node = nodes[place]
+    if node.op == CONSTANT:
+        return Fraction(node.value) if isfinite(node.value) else None
+    if node.op not in ("add", "sub", "neg"):
+        return None
+    values = [_number(nodes, arg) for arg in node.args]
+    known = [value for value in values if value is not None]
+    return RATIONALS.operations[node.op](*known) if len(known) == len(values) else None
 
 
 def _truths(nodes: Sequence[Operated], node: Operated) -> Critical | None:

@@ -116,8 +116,8 @@ def lqr(A: ArrayLike, b: ArrayLike, Q: ArrayLike, R: float) -> Regulator:
     r = R * push**2 / worth
     try:
         P = np.asarray(solve_discrete_are(F, e[:, None], weight / worth, np.array([[r]])), dtype=np.float64)
-    except np.linalg.LinAlgError as failure:
-        raise InvalidValue(f"no stabilising gain for these weights ({failure}); let Q weigh every slow mode") from None
+    except np.linalg.LinAlgError:
+        raise InvalidValue("no stabilising gain for these weights; let Q weigh every slow mode") from None
     K: Array = -(e @ P @ F) / (r + e @ P @ e) * push / units
     require_schur(A + np.outer(b, K), name="A + b K")
     return Regulator(K=K, P=worth * (P + P.T) / 2 / np.outer(units, units))

@@ -70,6 +70,14 @@ class Campaign:
         return settings.as_json(self.study)
 
     @property
+    def stopped(self) -> list[tuple[str, str]]:
+        """The controllers that were refused, stopped or diverged, each with the reason that the run noted."""
+        if "stopped" not in self.data:
+            return []
+        reasons = zip(self.data["controller"].values, self.data["stopped"].values, strict=True)
+        return [(str(controller), str(reason)) for controller, reason in reasons if reason]
+
+    @property
     def by_draw(self) -> xr.Dataset:
         """Metrics of every draw, also of a single one (see ``draws.nc``); draws that are not at hand are run again."""
         return draws(self.study, self.data, progress.silent) if self.drawn is None else self.drawn
@@ -194,8 +202,8 @@ def load(path: str | os.PathLike[str], study: Study | None = None) -> Campaign:
     """Load a campaign from ``run.nc``, or from the folder that holds it.
 
     ``study`` is needed for a study of one's own; a built-in one is found by its name. Its settings are those of
-    the run. Raises InvalidValue where the file is missing, cut short, not a run, or not what its run id was taken of:
-    then something in it was changed.
+    the run. Raises InvalidValue where the file is missing, cut short, not a run, of another study, or not what its run
+    id was taken of: then something in it was changed.
     """
     file = Path(path) / "run.nc" if Path(path).is_dir() else Path(path)
     if not file.is_file():
@@ -219,8 +227,16 @@ def load(path: str | os.PathLike[str], study: Study | None = None) -> Campaign:
 
         name = data.attrs["study"]
         if name not in names():
-            raise InvalidValue(f"{file} is a run of {name!r}, which is not built in: give it, as in load(path, study)")
+            raise InvalidValue(
+                f"{file} is a run of {name!r}, which is not built in: give it, as in load(path, study), "
+                "or with --study FILE"
+            )
         study = find(name)
+    elif study.name != data.attrs["study"]:
+        raise InvalidValue(
+            f"{file} is a run of the study {data.attrs['study']!r}, got the study {study.name!r}: "
+            "give the one that was run"
+        )
     study = settings.in_case(study, str(data.attrs.get("case", "")))
     study = settings.changed(study, json.loads(data.attrs["settings"]))
     return Campaign(study, data, source, _drawn(file, study, str(source_id)))

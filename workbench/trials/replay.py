@@ -34,13 +34,8 @@ def replayed(campaign: Campaign, *, show_progress: bool = False) -> None:
     if recorded is None:
         return
     data, study = campaign.data, campaign.study
-    if data.attrs["version"] != __version__:
-        raise InvalidValue(
-            f"a record is verified by the version that made it, {data.attrs['version']}, got {__version__}: {DO}"
-        )
+    unchanged(campaign)
     now = provenance(study)
-    if changed := _changed(campaign, recorded, now):
-        raise InvalidValue(f"the study must be the one that was run, but {changed} changed since: {DO}")
     shown = progress.bar if show_progress else progress.silent
     if departed := departure(data, simulate(study, shown)):
         then, here = dict(recorded), dict(now)
@@ -52,6 +47,17 @@ def replayed(campaign: Campaign, *, show_progress: bool = False) -> None:
             f"the record must be what the study gives, but {departed}: it was edited, or code that the study calls "
             f"changed since{besides}; {DO}"
         )
+
+
+def unchanged(campaign: Campaign) -> None:
+    """Raise InvalidValue in one line where a campaign that was loaded is of another version or study than is here."""
+    recorded, version = campaign.recorded, campaign.data.attrs["version"]
+    if recorded is None:
+        return
+    if version != __version__:
+        raise InvalidValue(f"a record is verified by the version that made it, {version}, got {__version__}: {DO}")
+    if changed := _changed(campaign, recorded, provenance(campaign.study)):
+        raise InvalidValue(f"the study must be the one that was run, but {changed} changed since: {DO}")
 
 
 def _changed(campaign: Campaign, recorded: Provenance, now: Provenance) -> str:

@@ -19,7 +19,7 @@ def test_sound_tubes_stay_feasible(name, law):
     controller = law(tube=tube, N=3)
     problem = controller.problem if law is RMPC else controller.problem(1)
     found = campaign(controller, problem, tube.plant, tube.bounds, runs=12, seed=1)
-    assert (found.infeasible, found.violated, found.witness) == (0, 0, None)
+    assert (found.infeasible, found.violated, found.failed, found.witness) == (0, 0, 0, None)
     assert found.worst_violation <= 1e-9
 
 
@@ -30,7 +30,8 @@ def test_negative_controls_fail_and_their_witness_can_be_replayed(control):
     found = campaign(law, law.problem, tube.plant, tube.bounds, until_first=True)
     assert found.witness is not None and found.runs == found.witness.number + 1 < 200
     again = simulate(law, tube.plant, tube.bounds, found.witness.e, disturb=found.witness.w)
-    assert again.infeasible_at == found.witness.infeasible_at
+    assert again.infeasible_at == found.witness.infeasible_at and bool(again.lost) == (again.infeasible_at is not None)
+    assert found.failed == 1
     assert np.isclose(again.violation, found.witness.violation)
     assert again.infeasible_at is not None or again.violation > 1e-7
 

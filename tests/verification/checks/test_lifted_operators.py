@@ -1,10 +1,10 @@
-"""The lifted operators and bounds against dense ones: G from the trial's own derivative, L from differences."""
+"""The lifted plant and its bounds against dense ones: G from the trial's own derivative."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
-from typing import Any, ClassVar, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -14,27 +14,15 @@ from hypothesis import strategies as st
 
 from models.actuator import Delayed
 from models.line import LINES
-from models.metro_line import MetroLine
 from models.plant import Plant
 from models.point_mass import PointMass
-from models.quantity import declared
-from models.station_runs import StationRun
 from models.transfer import Transfer
-from verification.checks import convergence
 from verification.checks.row_sums import off_diagonal, slope_bounds
 from verification.enclosure.box import Box
-from workbench.contracts.law import Law, Task, Trial
-from workbench.contracts.study import Study
-from workbench.contracts.trial_length import TrialLength
-from workbench.controllers import CFDL, ICFDL, PD, Increment
-from workbench.controllers.fixed_gain import FixedGain
-from workbench.controllers.variable_gain import VariableGain
-from workbench.evidence import ppd
-from workbench.evidence.learning_operator import gain, memories
+from workbench.controllers import PD
 from workbench.evidence.lifted import Lifted, largest_singular_value
 from workbench.evidence.trajectory import Linearisation, Lineariser, rollout
 from workbench.fold.fold import build
-from workbench.trials.campaign import run
 
 N = 120
 TRAIN = PointMass(line=LINES["hilly"])
@@ -173,144 +161,3 @@ def test_memory_is_linear_in_the_samples():
         return float(done.stdout)
 
     assert megabytes(20_000) < 150
-
-
-PLANNING = [
-    # name, law, plant, lengths
-    ("pd", PD(force_unit=10.0), TRAIN, "uniform"),
-    ("icfdl", ICFDL(), TRAIN, "uniform"),
-    ("cfdl", CFDL(), TRAIN, "fixed"),
-    ("increment", Increment(), TRAIN, "uniform"),
-    ("fixed gain on the position", FixedGain(learns="position"), MetroLine(), "fixed"),
-    ("fixed gain on the speed", FixedGain(), MetroLine(), "fixed"),
-]
-DENSE = [
-    ("increment, filtered", Increment(q_cutoff_hz=1.0), TRAIN, "uniform"),
-    ("variable gain, by the mean error", VariableGain(), MetroLine(), "fixed"),
-]
-
-
-def small(law: Any, plant: Plant, lengths: str, samples: int = 40) -> Any:
-    study = Study(
-        name="small",
-        plant=plant,
-        reference=StationRun().samples(plant)[:, : samples + 1]
-        if len(plant.outputs) == 2
-        else 3 * np.sin(np.linspace(0, 1.5, samples + 1)) ** 2,
-        controllers={"law": law},
-        trials=4,
-        trial_length=TrialLength(law=lengths, minimum=30 if lengths == "uniform" else None),
-    )
-    return run(study, show_progress=False)
-
-
-def meant(plant: Plant) -> str | None:
-    """The output whose errors the gain is asked for: of several the first."""
-    return plant.outputs[0].name if len(plant.outputs) > 1 else None
-
-
-@pytest.mark.parametrize(("name", "law", "plant", "lengths"), PLANNING, ids=[row[0] for row in PLANNING])
-def test_learning_gain_is_the_difference_quotient_of_learn(name, law, plant, lengths):
-    """L against ``learn`` itself with one error moved at a time, the output (and so the estimate) held."""
-    campaign = small(law, plant, lengths)
-    study, n = campaign.study, campaign.study.horizon
-    r = study.reference_samples
-    *_, (memory, left) = memories(campaign, "law")
-    length = left.length
-    exact = gain(campaign, "law", memory, left, length, output=meant(plant)).toarray()
-    reached = (np.arange(n + 1) <= length).astype(float)[None, :]
-    kept = type(law.start(Task(ca.DM(r), study.plant.sampling_time)))(*(ca.DM(value) for value in memory))
-
-    def plan(e: Any) -> Any:
-        y = np.where(reached > 0, left.y, np.nan)
-        learned = law.learn(kept, Trial(ca.DM(r), ca.DM(y), ca.DM(e), ca.DM(left.u), ca.DM(reached), ()))
-        columns = [field if field.shape[1] == 1 else field[:, :n] for field in map(ca.DM, learned)]
-        now = [
-            type(learned)(*(column if column.shape[1] == 1 else column[:, k] for column in columns)) for k in range(n)
-        ]
-        return np.array(
-            [float(ca.vertcat(law.act(one, (), r[:, k], r[:, k + 1], r[:, k])[0])[0]) for k, one in enumerate(now)]
-        )
-
-    error = np.where(reached > 0, r - left.y, np.nan)
-    quotient = np.zeros_like(exact)
-    for k in range(int(length) + 1):
-        up, down = error.copy(), error.copy()
-        up[0, k] += 0.5
-        down[0, k] -= 0.5
-        quotient[:, k] = plan(up) - plan(down)
-    scale = max(np.abs(quotient).max(), 1e-12)
-    np.testing.assert_allclose(exact, quotient, rtol=1e-7, atol=1e-9 * scale)
-    assert (np.abs(quotient).max() > 1e-6) == (name != "fixed gain on the speed")
-
-
-@pytest.mark.parametrize(("name", "law", "plant", "lengths"), DENSE, ids=[row[0] for row in DENSE])
-def test_a_law_whose_plan_mixes_all_samples_has_no_banded_gain(name, law, plant, lengths):
-    campaign = small(law, plant, lengths)
-    *_, (memory, left) = memories(campaign, "law")
-    assert gain(campaign, "law", memory, left, left.length, output=meant(plant)) is None
-
-
-class Plan(NamedTuple):
-    u: Any
-
-
-class Sum(NamedTuple):
-    y: Any
-
-
-@declared
-class Summing(Law):
-    """A law that learns between trials and sums what it measures within them."""
-
-    source: ClassVar[str] = "made for tests, 2026"
-    learns_on: ClassVar[str] = "output"
-
-    def start(self, task: Any) -> Plan:
-        return Plan(ca.DM.zeros(1, task.samples))
-
-    def ready(self, memory: Plan) -> Sum:
-        return Sum(ca.DM(0))
-
-    def act(self, memory_k: Plan, state: Sum, r: Any, r_next: Any, y: Any) -> tuple[Any, Sum]:
-        return memory_k.u - 0.1 * state.y, Sum(state.y + y)
-
-    def learn(self, memory: Plan, trial: Trial) -> Plan:
-        return Plan(memory.u + 0.1 * trial.e[1:])
-
-
-@declared
-class Starting(Summing):
-    """A law that learns where a trial begins, and does not act within it."""
-
-    ready = Law.ready
-
-    def act(self, memory_k: Plan, state: Any, r: Any, r_next: Any, y: Any) -> tuple[Any, Any]:
-        return memory_k.u, ()
-
-    def place(self, memory: Plan, x0: Any) -> Any:
-        return x0 + 0.1 * memory.u[0]
-
-
-@declared
-class Leaning(Summing):
-    """A law that feeds back within the trial, and keeps nothing there."""
-
-    ready = Law.ready
-
-    def act(self, memory_k: Plan, state: Any, r: Any, r_next: Any, y: Any) -> tuple[Any, Any]:
-        return memory_k.u + 0.5 * (r - y), ()
-
-
-NO_MAP = [
-    (Summing(), "acts within the trial"),
-    (Leaning(), "acts within the trial"),
-    (Starting(), "moves the state in which a trial begins"),
-]
-
-
-@pytest.mark.parametrize(("law", "said"), NO_MAP, ids=["acts within", "feeds back", "moves the start"])
-def test_a_law_that_does_more_than_plan_has_no_such_map(law, said):
-    campaign = small(law, PLANTS[2][1], "fixed")
-    found = convergence.error_map(campaign, ppd.evidence(campaign, "law"))
-    assert isinstance(found, str) and said in found

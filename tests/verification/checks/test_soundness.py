@@ -8,22 +8,24 @@ from typing import ClassVar, NamedTuple
 import casadi as ca
 import numpy as np
 import pytest
+from judging import judged, over, standings, verdict
 
 from models.actuator import Actuator
 from models.plant import Plant, signals
 from models.quantity import InvalidValue, declared, given, quantity
-from verification.checks import assumptions, convergence, increment
+from verification.checks import assumptions, convergence
 from verification.checks.premises import (
     no_noise,
     nothing_between,
     one_channel,
-    reference_within,
     same_but_for_the_input,
 )
 from verification.checks.row_sums import slope_bounds
+from verification.decide.judge import Judge
 from verification.enclosure.box import Box
-from verification.theorems.learning import Dossier, claims_of, examine
+from verification.theorems.learning import Dossier, examine
 from workbench import Study, run
+from workbench.contracts.finding import Standing
 from workbench.contracts.law import Channels, Law
 from workbench.contracts.scenario import (
     Between,
@@ -34,16 +36,17 @@ from workbench.contracts.scenario import (
     UniformNoise,
 )
 from workbench.contracts.trial_length import TrialLength
-from workbench.contracts.verdict import Standing
+from workbench.contracts.verdict import NotMade, Verdict
 from workbench.controllers import ICFDL, Increment
 from workbench.controllers.parts.rows import known
-from workbench.evidence.learning_operator import gain, memories
+from workbench.evidence.learning_step import learning_step, memories
 from workbench.evidence.ppd import evidence
 from workbench.evidence.trajectory import Lineariser, recorded, rollout
 
 N = 20
 RAMP = np.linspace(0.0, 1.0, N + 1) ** 2
 PROVED, SUPPORTED, REFUTED, UNDECIDED = Standing.PROVED, Standing.SUPPORTED, Standing.REFUTED, Standing.UNDECIDED
+INCREMENTS = ("increment_monotone", "increment_weighted")
 LEARNING = {"force_unit": 1.0, "lam": 1.0, "rho": 0.5, "initial_input": 0.1, "mu": 1.0}
 
 
@@ -94,13 +97,13 @@ JUMPS = {
 def test_slopes_bound_no_difference_across_a_jump(name):
     plant = plant_of(JUMPS[name])
     d = dossier(plant, adaptive())
-    assert assumptions.lipschitz_lifted(plant, d.evidence, d.box).standing is not PROVED
+    assert judged(d, "A2.lifted").standing is not PROVED
     found = slope_bounds(plant, box(plant))
     assert found.reason is not None and "not shown to be continuous" in found.reason
-    assert convergence.lambda_partial(plant, d.evidence, box(plant)).standing is not PROVED
-    for check in (increment.monotone, increment.weighted):
-        e = dossier(plant, learning()).evidence
-        assert check(plant, e, box(plant, (-9, 9), (-9, 9))).standing is not PROVED
+    assert judged(over(d, box(plant)), "lambda_min.partial").standing is not PROVED
+    e = over(dossier(plant, learning()), box(plant, (-9, 9), (-9, 9)))
+    for name in INCREMENTS:
+        assert judged(e, name).standing is not PROVED
 
 
 def test_a_bound_by_slopes_would_be_broken_across_a_jump():
@@ -115,21 +118,21 @@ def test_a_bound_by_slopes_would_be_broken_across_a_jump():
 def test_a_jump_of_a_plant_without_memory():
     plant = plant_of(lambda x, u, w, k: u + ca.floor(4 * u))
     d = dossier(plant, adaptive())
-    for check in (assumptions.lipschitz_printed, assumptions.data_model, assumptions.sign_partial):
-        assert check(plant, d.evidence, d.box).standing is not PROVED, check
+    for name in ("A2.printed", "lemma1", "A4.partial"):
+        assert judged(d, name).standing is not PROVED, name
 
 
 def test_kinks_are_no_jumps():
     plant = plant_of(lambda x, u, w, k: 0.5 * x + ca.fmax(u, 2 * u))
     d = dossier(plant, adaptive())
-    finding = assumptions.lipschitz_lifted(plant, d.evidence, d.box)
-    assert finding.standing is PROVED and finding.margin >= 2
+    found = judged(d, "A2.lifted")
+    assert found.standing is PROVED and found.bound >= 2 and found.held.tries >= 100
 
 
 def test_constants_are_not_computed_before_they_are_enclosed():
     """x+ = x + ((1e16 u - u) - 1e16 u) + u/2 has the slope -1/2, and +1/2 where 1e16 - 1 is rounded first."""
     plant = plant_of(lambda x, u, w, k: x + ((1e16 * u - u) - 1e16 * u) + 0.5 * u)
-    evidence = SimpleNamespace(degree=1)
+    evidence = SimpleNamespace(degree=1, increment=False)
     assert assumptions.sign_partial(plant, evidence, box(plant)).standing is not PROVED
     found = slope_bounds(plant, box(plant))
     assert found.gain_low <= -0.5 <= found.gain_high
@@ -140,12 +143,12 @@ def test_no_refutation_by_a_bound_that_no_point_attains():
     plant = plant_of(lambda x, u, w, k: u * (1 + x**2) - u * x * x + ca.sin(1e3 * x) * u - ca.sin(1e3 * x) * u)
     wide = box(plant, x=(-1e4, 1e4))
     found = slope_bounds(plant, wide)
-    evidence = SimpleNamespace(degree=1, increment=False, estimator=adaptive(lam=1.0, rho=1.0), units=("1", "1"))
-    finding = convergence.lambda_partial(plant, evidence, wide)
+    evidence = SimpleNamespace(degree=1, estimator=adaptive(lam=1.0, rho=1.0), units=("1", "1"), unit="1")
+    finding = convergence.lambda_partial(plant, evidence, found, wide)
     assert max(abs(found.gain_low), abs(found.gain_high)) > 2.5, "the enclosure must be loose for this to be a test"
     assert finding.standing is UNDECIDED and "lies between" in finding.method
-    small = SimpleNamespace(degree=1, increment=False, estimator=adaptive(lam=0.2, rho=1.0), units=("1", "1"))
-    refuted = convergence.lambda_partial(plant, small, wide)
+    small = SimpleNamespace(degree=1, estimator=adaptive(lam=0.2, rho=1.0), units=("1", "1"), unit="1")
+    refuted = convergence.lambda_partial(plant, small, found, wide)
     assert refuted.standing is REFUTED and refuted.witness["b"] == pytest.approx(1.0, abs=1e-3)
 
 
@@ -155,8 +158,8 @@ def test_the_proved_contraction_holds_on_both_sides_of_one(gain):
     plant = plant_of(lambda x, u, w, k: x + u)
     law = learning(rho=1.0, lam=1 / (2 * gain) ** 2, eta=1e-12, eps=1e-14)  # phi stays where l = rho/(2 sqrt(lam))
     d = dossier(plant, law)
-    finding = increment.monotone(plant, d.evidence, box(plant, (-9, 9), (-9, 9)))
-    assert finding.standing is PROVED
+    finding = judged(over(d, box(plant, (-9, 9), (-9, 9))), "increment_monotone")
+    assert finding.standing is PROVED and finding.held.margin >= 0
     errors = np.abs(np.diff(RAMP) - d.evidence.trajectories.u).max(axis=1)
     recorded = errors[1:] / errors[:-1]
     assert finding.witness["factor_at_phi0"] == pytest.approx(abs(1 - gain), rel=1e-9)
@@ -231,10 +234,10 @@ def test_an_unmet_premise_leaves_a_theorem_undecided(name):
     plant, changes, said, lifted_too = UNMET[name]
     d = dossier(plant, learning(), **changes)
     roomy = box(d.plant, (-9, 9), (-9, 9), (-1, 1))
-    for check in (increment.monotone, increment.weighted):
-        finding = check(d.plant, d.evidence, roomy)
+    for one in INCREMENTS:
+        finding = judged(over(d, roomy), one)
         assert finding.standing is UNDECIDED and said in finding.method, finding
-    lifted = assumptions.lipschitz_lifted(d.plant, d.evidence, d.box)
+    lifted = judged(d, "A2.lifted")
     assert (lifted.standing is UNDECIDED and said in lifted.method) == lifted_too, lifted
 
 
@@ -259,14 +262,14 @@ def test_what_trials_share_is_no_premise_unmet(name):
     assert same_but_for_the_input(d.study, d.law) is None
     w = (0.1, 0.1) if "disturbance" in name else (0.0, 0.0)
     roomy = box(d.plant, (-9, 9), (-9, 9), w)
-    assert increment.monotone(d.plant, d.evidence, roomy).standing is PROVED
-    assert assumptions.lipschitz_lifted(d.plant, d.evidence, d.box).standing is PROVED
+    assert judged(over(d, roomy), "increment_monotone").standing is PROVED
+    assert judged(d, "A2.lifted").standing is PROVED
 
 
 def test_the_true_plant_is_the_one_that_is_proved_of():
     """With 1.25 times the believed mass the slope is 0.8, and the proofs say so."""
     d = dossier(Massive(), learning(), truth={"mass": 1.25})
-    assert assumptions.sign_partial(d.plant, d.evidence, d.box).margin == pytest.approx(0.8, rel=1e-9)
+    assert judged(d, "A4.partial").margin == pytest.approx(0.8, rel=1e-9)
     np.testing.assert_allclose(d.evidence.partial, 0.8, rtol=1e-12)
 
 
@@ -287,18 +290,19 @@ def test_a_plant_that_changes_from_trial_to_trial_leaves_all_open_but_the_length
         truth={"mass": Between(low=0.9, high=1.1)},
     )
     examined = examine(run(study, show_progress=False))
-    standings = {claim.name.partition(".")[2]: claim.check() for claim in examined.claims}
-    assert {name for name, one in standings.items() if one.standing is not UNDECIDED} == {"A3"}
-    assert all(
-        "plant changes from trial to trial: mass" in one.method for name, one in standings.items() if name != "A3"
-    )
-    assert not examined.figures() and not examined.scores() and "mass" in examined.conclude([])[0]
+    judge = Judge()
+    found = [one for one in map(judge.verdict, examined.claims) if isinstance(one, Verdict)]
+    stand = {one.claim.partition(".")[2]: one for one in found}
+    told = {name for name, one in stand.items() if one.standing is not UNDECIDED}
+    assert told <= {"A3", "estimator", "monotone"} and "A3" in told  # what speaks of lengths, or of this run alone
+    for name in ("A1", "A2.printed", "A2.lifted", "A4.printed", "A4.partial", "lemma1", "theorem1", *INCREMENTS):
+        assert "plant changes from trial to trial: mass" in stand[name].method
+    assert not examined.figures()
 
 
 LENGTHS = {
     "fixed": (TrialLength(law="fixed"), SUPPORTED, "algebra"),
     "drawn": (TrialLength(law="uniform", minimum=15), SUPPORTED, "algebra"),
-    "given": ([20, 15, 18, 20, 16, 20], UNDECIDED, "the lengths are given, not drawn"),
 }
 
 
@@ -306,8 +310,13 @@ LENGTHS = {
 def test_lengths_are_a_sample_only_where_they_are_drawn(name):
     lengths, standing, said = LENGTHS[name]
     d = dossier(FIRST_ORDER, learning(), trial_length=lengths)
-    finding = assumptions.trial_lengths(d.study, d.lengths)
+    finding = judged(d, "A3")
     assert finding.standing is standing and said in finding.method
+
+
+def test_given_lengths_have_no_distribution():
+    found = verdict(dossier(FIRST_ORDER, learning(), trial_length=[20, 15, 18, 20, 16, 20]), "A3")
+    assert isinstance(found, NotMade) and "the lengths are given" in found.lacks
 
 
 def test_the_box_holds_the_disturbances_that_were_drawn():
@@ -319,15 +328,30 @@ def test_the_box_holds_the_disturbances_that_were_drawn():
 
 def test_a_box_that_does_not_hold_the_reference_proves_nothing():
     d = dossier(FIRST_ORDER, learning(), trials=2)
-    for check in (increment.monotone, increment.weighted):
-        finding = check(FIRST_ORDER, d.evidence, d.box)
+    for name in INCREMENTS:
+        finding = judged(d, name)
         assert finding.standing is UNDECIDED and "leaves the box at sample" in finding.method
 
 
 def test_a_reference_that_no_input_reaches():
     plant = plant_of(lambda x, u, w, k: 0.9 * x + 0.001 * ca.tanh(u))
     d = dossier(plant, learning())
-    assert "no input was found" in reference_within(d.study, box(plant, (-9, 9), (-9, 9)))
+    found = judged(over(d, box(plant, (-9, 9), (-9, 9))), "increment_monotone")
+    assert found.standing is UNDECIDED and "no input was found" in found.method
+
+
+def test_what_no_trial_came_to_refutes_nothing():
+    """The slope breaks off just above the largest input that was used: in the scope, which is wider, but unmet."""
+    used = float(np.nanmax(dossier(plant_of(lambda x, u, w, k: 0.5 * x + u), adaptive()).evidence.trajectories.u))
+    for at, standing in ((used * 1.01, UNDECIDED), (used * 0.9, REFUTED)):
+        plant = plant_of(lambda x, u, w, k, at=at: 0.5 * x + u - 2 * ca.fmax(u - at, 0))
+        d = dossier(plant, adaptive())
+        limit = float(d.box["u"][1][0, 0])
+        assert at < limit
+        for name in ("A1", "A4.partial"):
+            found = judged(d, name)
+            assert found.standing is standing, found
+            assert standing is REFUTED or "no trial came" in found.method
 
 
 @declared
@@ -411,27 +435,21 @@ def test_a_second_channel_is_not_passed_over(name):
             made()
         assert said in str(caught.value) and "\n" not in str(caught.value)
     examined = examine(campaign)
-    assert examined.claims == [] and not examined.figures() and said in examined.conclude([])[0]
-    taken = dossier(FIRST_ORDER, learning())
-    ends = [np.full(inputs, end) for end in (-9.0, 9.0)]
-    roomy = Box({"x": (-9, 9), "u": tuple(ends), "w": (np.zeros(0), np.zeros(0)), "k": (0.0, 9.0)})
-    for check in (increment.monotone, increment.weighted, assumptions.lipschitz_lifted):
-        finding = check(plant, taken.evidence, roomy)
-        assert finding.standing is UNDECIDED and "one input and one output" in finding.method
+    found = [Judge().verdict(claim) for claim in examined.claims]
+    assert found and all(isinstance(one, NotMade) and one.lacks == "one input and one output" for one in found)
+    assert not examined.figures()
 
 
-def test_the_learning_gain_of_several_outputs_is_that_of_one_that_is_named():
+def test_the_learning_gain_of_several_outputs_has_the_columns_of_each():
     campaign = run(
         Study(plant=Seen(), reference=np.vstack([RAMP, 2 * RAMP]), controllers={"law": Both(inputs=1)}, trials=3),
         show_progress=False,
     )
-    *_, (memory, left) = memories(campaign, "law")
-    for output, weight in (("x", 0.1), ("y", 0.2)):
-        found = gain(campaign, "law", memory, left, N, output=output).toarray()
+    *_, last = memories(campaign, "law")
+    step = learning_step(campaign, "law", last)
+    for output, weight in enumerate((0.1, 0.2)):
+        found = step.by_error.toarray()[:, output::2]
         np.testing.assert_allclose(found, weight * np.eye(N, N + 1, 1), atol=1e-15)
-    for output in (None, "z"):
-        with pytest.raises(InvalidValue, match="output must be one of: x, y; got"):
-            gain(campaign, "law", memory, left, N, output=output)
 
 
 HELD = {
@@ -450,12 +468,12 @@ HELD = {
 def test_what_is_proved_is_seen_in_the_run(name, law):
     plant, changes = HELD[name]
     d = dossier(plant, adaptive() if law == "adaptive" else learning(), trials=8, **changes)
-    e, found = d.evidence, {claim.name.partition(".")[2]: claim.check() for claim in claims_of(d)}
+    e, found = d.evidence, standings(d)
     assert found["A2.lifted"].standing is PROVED
     sofar = np.fmax.accumulate(np.abs(np.nan_to_num(e.du[1:])), axis=1)
     ds = np.abs(np.nan_to_num(e.ds[1:]))
-    assert (ds <= found["A2.lifted"].margin * sofar * (1 + 1e-9) + 1e-12).all()
-    assert ds.max() > 0.01 * found["A2.lifted"].margin * sofar.max(), "a bound that nothing comes near is no test"
+    assert (ds <= found["A2.lifted"].bound * sofar * (1 + 1e-9) + 1e-12).all()
+    assert ds.max() > 0.01 * found["A2.lifted"].bound * sofar.max(), "a bound that nothing comes near is no test"
     assert (found["A4.partial"].standing is PROVED) == (name != "kinked")
     if name != "kinked":
         assert np.nanmin(e.partial) >= found["A4.partial"].margin * (1 - 1e-12)
@@ -470,7 +488,7 @@ def test_a_proved_contraction_is_seen_in_the_input_errors(name):
     plant, changes = HELD[name]
     d = dossier(plant, learning(), trials=10, **changes)
     roomy = box(d.plant, (-3, 3), (-4, 4), (0.1, 0.1) if "disturbance" in changes else (0.0, 0.0))
-    finding = increment.weighted(d.plant, d.evidence, roomy)
+    finding = judged(over(d, roomy), "increment_weighted")
     assert finding.standing is PROVED, finding
     taken = d.evidence.trajectories
     wanted = followed(d.plant, taken.x[0, :, 0], taken.w[0])
@@ -484,7 +502,7 @@ def test_the_proved_factor_counts_what_earlier_inputs_do():
     """Errors of one sign add up in x+ = 0.9 x + u: the last sample keeps 1 - l 0.9^(N-1) of its, and not 1 - l."""
     wanted = followed(FIRST_ORDER, [0.0], np.zeros((0, N)))
     d = dossier(FIRST_ORDER, learning(eta=1e-12, eps=1e-14), first_plan=wanted - 1.0, trials=2)
-    finding = increment.monotone(d.plant, d.evidence, box(d.plant, (-30, 30), (-9, 9)))
+    finding = judged(over(d, box(d.plant, (-30, 30), (-9, 9))), "increment_monotone")
     left = np.abs(wanted - d.evidence.trajectories.u).max(axis=1)
     factor = finding.witness["factor_at_phi0"]
     assert left[0] == pytest.approx(1.0, abs=1e-9) and finding.standing is PROVED

