@@ -10,7 +10,7 @@ from verification.report.listing import fallen, told, verdict_table
 from workbench.contracts.finding import Standing
 
 INTERNAL = re.compile(
-    r"(?i:\bnan\b|\binf(inity)?\b)"  # numbers that are none, as a program writes them
+    r"\b(nan|NaN|NAN)\b|(?i:\binf(inity)?\b)"  # numbers that are none, as a program writes them; Nan is a name
     r"|Traceback|File \"[^\"]*\", line \d"
     r"|\b\w*(Error|Exception|Warning)\b: "  # with its message: the bare name may stand
     r"|\bobject at 0x|<(function|class|bound method|lambda)|\b0x[0-9a-f]{6,}"
