@@ -1,4 +1,10 @@
-"""The claims of learning laws in general: what the proofs of model-free adaptive ILC need, on any plant."""
+"""The claims of learning laws in general: what the proofs of model-free adaptive ILC need, on any plant.
+
+They are about the derivative of one output by one input and about what a law takes from trial to trial, so they have no
+meaning for plants with several channels or for laws that learn nothing between trials: there each claim says what it
+lacks, and a study has claims of its own. What any study's run shows is asked in
+:mod:`verification.theorems.outcomes`.
+"""
 
 from __future__ import annotations
 
