@@ -147,11 +147,12 @@ def _held_differences(
     spare = rounding(slopes, box, n, _largest(trials))[:m]
     with np.errstate(invalid="ignore"):  # plans may drive a plant beyond all numbers, after they left the set
         signal = learned_signal(trials.y, increment)
-    worst, place = np.inf, {}
+    looked, worst, place = 0, np.inf, {}
     for i in range(1, trials.u.shape[0]):
         both = int(min(trials.inside[i], trials.inside[i - 1]) - degree + 1)
         if both < 1:
             continue
+        looked += 1
         moved = moved_by(np.abs(trials.u[i] - trials.u[i - 1]))[:both]
         answer = np.abs(signal[i][degree : degree + both] - signal[i - 1][degree : degree + both])
         room = p * (1 + SPARE) * moved + spare[:both] - answer
@@ -159,7 +160,7 @@ def _held_differences(
         if room[k] < worst:
             worst = float(room[k])
             place = {"pair": [i, i + 1], "sample": k, "largest_du": float(moved[k]), "ds": float(answer[k])}
-    return Held(trials.u.shape[0], worst if np.isfinite(worst) else 0.0, place)
+    return Held(looked, worst if np.isfinite(worst) else 0.0, place)
 
 
 def held_slopes(
@@ -169,18 +170,19 @@ def held_slopes(
     n = trials.u.shape[1]
     along = Lineariser(plant, n)
     chosen = np.unique(np.linspace(0, trials.u.shape[0] - 1, max(CHECKED, PLANS)).astype(int))
-    worst, place = np.inf, {}
+    looked, worst, place = 0, np.inf, {}
     scale = SPARE * max(abs(low), abs(high))
     for i in chosen:
         count = int(trials.inside[i] - degree + 1)
         if count < 1:
             continue
+        looked += 1
         slope = partial(along.at(trials.x[i], trials.u[i], w), degree)[:count]
         room = np.minimum(slope - low, high - slope) + scale
         k = int(np.nanargmin(room)) if np.isfinite(room).any() else 0
         if room[k] < worst:
             worst, place = float(room[k]), {"trial": int(i) + 1, "sample": k, "slope": float(slope[k])}
-    return Held(chosen.size, worst if np.isfinite(worst) else 0.0, place)
+    return Held(looked, worst if np.isfinite(worst) else 0.0, place)
 
 
 def held_contraction(
@@ -197,10 +199,11 @@ def held_contraction(
     target = np.diff(wanted.study.reference_samples[0])
     near = 1e-9 * float(np.ptp(wanted.u) or 1.0)
     spare = largest_gain(law) * rounding(slopes, box, n, float(np.abs(wanted.study.reference_samples).max())) + near
-    worst, place = np.inf, {}
+    looked, worst, place = 0, np.inf, {}
 
     def hold(u: Array, following: Array, gains: Array, count: int, what: dict[str, object]) -> None:
-        nonlocal worst, place
+        nonlocal looked, worst, place
+        looked += count > 0
         d, left = (np.abs(wanted.u - one) * weights for one in (u, following))
         room = factor(slopes, r, gains) * np.maximum.accumulate(d) * (1 + SPARE) + spare * weights - left
         room = room[:count]
@@ -217,4 +220,4 @@ def held_contraction(
         with np.errstate(all="ignore"):
             following = made_.u[i] + gains * (target - np.diff(made_.y[i]))
         hold(made_.u[i], following, gains, int(made_.inside[i]), {"plan": i + 1})
-    return Held(run.u.shape[0] + made_.u.shape[0], worst if np.isfinite(worst) else 0.0, place)
+    return Held(looked, worst if np.isfinite(worst) else 0.0, place)

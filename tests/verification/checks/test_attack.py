@@ -87,6 +87,14 @@ def test_trajectories_are_those_of_a_plain_loop(dossier):
                 break
 
 
+def test_only_what_stayed_in_the_set_is_counted(dossier):
+    nowhere = dossier.tried._replace(inside=np.zeros_like(dossier.tried.inside))
+    plant, w = dossier.plant, dossier.begun.w
+    assert attack.held_row_sums(0.0, dossier.slopes, dossier.box, nowhere, 1, True).tries == 0
+    assert attack.held_slopes(9.0, 9.0, plant, nowhere, w, 1).tries == 0
+    assert attack.held_slopes(0.5, 0.5, plant, dossier.tried, w, 1).tries == int((dossier.tried.inside > 0).sum())
+
+
 def test_a_row_sum_that_is_too_small_is_contradicted(dossier):
     slopes, box = dossier.slopes, dossier.box
     proved = float(off_diagonal(slopes, 40).max()) + slopes.gain_high
