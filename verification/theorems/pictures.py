@@ -40,8 +40,8 @@ def figures(files: Sequence[Dossier], full: bool) -> Mapping[str, Figure]:
         )
         if d.predicted_mse.size:
             found[f"predicted_{name}"] = Figure(
-                caption=f"{name}: MSE by trial, observed and as the map I - G L predicts it, frozen at the last trial "
-                "and run from the first trial's error with the recorded trial lengths.",
+                caption=f"{name}: MSE by trial, observed and as predicted by the map between trials, "
+                "frozen at the last one and run from the first trial's error with the recorded trial lengths.",
                 draw=partial(plots_ppd.predicted_against_observed, name, d.predicted_mse, d.mse, unit=d.mse_unit),
             )
         if d.law.estimator is not None:

@@ -214,7 +214,7 @@ def predicted_against_observed(controller: str, predicted: Array, observed: Arra
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots()
         axes.semilogy(trials, observed, **styled(0), label="observed")
-        axes.semilogy(trials[: predicted.size], predicted, **styled(1), label="predicted by I - G L, frozen")
+        axes.semilogy(trials[: predicted.size], predicted, **styled(1), label="predicted by the frozen map")
         axes.set(xlabel="trial i", ylabel=f"MSE ({pretty(unit)})", title=controller)
         axes.legend()
         return figure
