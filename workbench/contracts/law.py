@@ -179,6 +179,20 @@ class SlopeLearning(NamedTuple):
     """In the plant's input per output unit a second."""
 
 
+class LearningGain(NamedTuple):
+    """The ends between which a law's learning gain l lies, in input units per unit of the signal that it learns on.
+
+    It is declared by a law that plans before the trial and then adds l(k) times the error of what it learns on, where
+    the trial reached k + 1, to the plan of sample k, and keeps the plan elsewhere:
+    u(k) <- u(k) + l(k) e_s(k+1). l(k) may change from sample to sample and from trial to trial as it likes.
+    """
+
+    low: float
+    """The least l; 0 where l is known to be positive, and no more."""
+    high: float
+    """The largest l, rounded up."""
+
+
 class Law(Declaration, ABC, Generic[M, S]):
     """A law within the trial, and a learning between trials.
 
@@ -295,6 +309,11 @@ class Law(Declaration, ABC, Generic[M, S]):
     @property
     def slope_learning(self) -> SlopeLearning | None:
         """How it learns from the slope of the error, None for a law that does not."""
+        return None
+
+    @property
+    def learning_gain(self) -> LearningGain | None:
+        """The ends of its learning gain, None for a law that learns in another form; see :class:`LearningGain`."""
         return None
 
     @property

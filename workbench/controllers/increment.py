@@ -8,7 +8,7 @@ from typing import ClassVar, NamedTuple, Self
 import casadi as ca
 
 from models.expression import Expression
-from models.quantity import declared, quantity
+from models.quantity import InvalidValue, declared, quantity, table
 from workbench.contracts.law import LearnedSignal, Task, Trial
 from workbench.controllers.parts import zero_phase
 from workbench.controllers.parts.ppd_estimator import Parameters, scaled
@@ -35,6 +35,8 @@ class Increment(Parameters[Memory]):
     Measurement noise biases the estimate towards 1/l, above 4 phi, so that phi runs away and learning stalls: a
     large mu (1e4 for a speed noise of 0.05 km/h) keeps it out. Increments also
     amplify it in the plan: ``q_cutoff_hz`` passes the plan through a zero-phase low-pass filter.
+    ``phi_range`` holds the estimate between two ends, so that the learning gain has a least value too and the claim
+    ``learning_curve`` can bound how fast it learns.
     """
 
     source: ClassVar[str] = "ours, after Jiao & Hou 2025, (13)-(15)"
@@ -42,6 +44,12 @@ class Increment(Parameters[Memory]):
     learns_on: ClassVar[LearnedSignal | None] = "increment"
 
     force_unit: float = quantity(default=10_000.0, unit="N", doc="the unit that the law computes forces in", above=0)
+    phi_range: tuple[float, float] | None = table(
+        default=None,
+        unit="output/force unit",
+        doc="ends that the estimate is held between; null takes phi(k,1)/3 and 3 phi(k,1)",
+        optional=True,
+    )
     q_cutoff_hz: float | None = quantity(
         default=None,
         unit="Hz",
@@ -50,6 +58,28 @@ class Increment(Parameters[Memory]):
         optional=True,
         structural=True,
     )
+
+    def check(self) -> None:
+        """Raise InvalidValue unless phi_range is a range of one sign that holds the first estimate."""
+        super().check()
+        if self.phi_range is None:
+            return
+        if len(self.phi_range) != 2 or not self.phi_range[0] < self.phi_range[1]:
+            raise InvalidValue(f"phi_range must be two numbers, the smaller first, got {list(self.phi_range)}")
+        low, high = self.phi_range
+        first = self.first_estimate()
+        if low <= 0 <= high:
+            raise InvalidValue(f"phi_range must not hold 0, for phi keeps its sign, got [{low:g}, {high:g}]")
+        if isinstance(first, float) and not low <= first <= high:
+            raise InvalidValue(f"phi_range must hold phi(k,1) = {first:g}, got [{low:g}, {high:g}]")
+
+    def estimates(self) -> tuple[float, float]:
+        """Return phi_range, or phi(k,1)/3 and 3 phi(k,1)."""
+        if self.phi_range is not None:
+            return self.phi_range
+        first = self.first_estimate()
+        ends = first / 3, 3 * first
+        return (min(ends), max(ends)) if isinstance(first, float) else (ca.fmin(*ends), ca.fmax(*ends))
 
     @property
     def filters_plan(self) -> bool:
@@ -83,6 +113,8 @@ class Increment(Parameters[Memory]):
         dz = _increment(trial.y) - _increment(memory.y_before)
         xi = known(both, dz - memory.phi * du)
         phi = self.update(memory.phi, du, xi)  # (15)
+        least, most = self.estimates()
+        phi = ca.fmin(ca.fmax(phi, least), most)
         e_next = known(reached, _increment(trial.e))
         u = memory.u + self.rho * phi / (self.lam + phi**2) * e_next  # (14)
         if self.q_cutoff_hz is not None:

@@ -5,6 +5,7 @@ Jiao & Hou (2025), (12), (13), (15).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Generic, Self, TypeVar
 
@@ -12,9 +13,11 @@ import casadi as ca
 
 from models.expression import Expression, Number
 from models.quantity import InvalidValue, declared, quantity, rebuilt
-from workbench.contracts.law import Estimator, Law, Task
+from workbench.contracts.law import Estimator, Law, LearningGain, Task
 from workbench.controllers.parts.scales import scales
 
+ROUNDED = 2.0**-48
+"""More than what the few operations of a gain round, as a share of it."""
 M = TypeVar("M", bound=tuple[object, ...])
 T = TypeVar("T")
 
@@ -50,6 +53,21 @@ class Parameters(Law[M, tuple[()]], Generic[M]):
         """Return phi(k,1): phi0, or sqrt(lam), where the gain is largest."""
         return ca.sqrt(self.lam) if self.phi0 is None else self.phi0
 
+    @property
+    def learning_gain(self) -> LearningGain | None:
+        """Ends of rho phi/(lam + phi^2), in the plant's inputs per output, for the estimates that may come.
+
+        A negative first estimate turns the sign of l; the estimate keeps the sign, by the reset (13).
+        """
+        least, most = self.estimates()
+        sign, sizes = (1.0, (least, most)) if most > 0 else (-1.0, (-most, -least))
+        return _gains(self.rho, self.lam, *sizes, sign * self.force_unit)
+
+    def estimates(self) -> tuple[float, float]:
+        """Return the ends of what phi may become, infinite where nothing bounds it; it has the sign of phi(k,1)."""
+        first = self.first_estimate()
+        return (min(self.eps, first), math.inf) if first > 0 else (-math.inf, max(-self.eps, first))
+
     def update(self, phi: Expression, du: Expression, xi: Expression) -> Expression:
         """Return the next estimate, elementwise.
 
@@ -75,6 +93,21 @@ class Parameters(Law[M, tuple[()]], Generic[M]):
     def scaled_for(self, task: Task) -> Self:
         """Return the law in the plant's own scale, see :func:`scaled`."""
         return scaled(self, task)
+
+
+def _gains(rho: float, lam: float, least: float, most: float, unit: float) -> LearningGain:
+    """Return the ends of unit rho phi/(lam + phi^2) for 0 < least <= phi <= most, rounded outwards.
+
+    It rises up to phi = sqrt(lam) and falls from there on.
+    """
+
+    def gain(phi: float) -> float:
+        return rho * phi / (lam + phi * phi) if math.isfinite(phi) else 0.0
+
+    inside = least * least <= lam <= most * most
+    low, high = min(gain(least), gain(most)), rho / (2 * math.sqrt(lam)) if inside else max(gain(least), gain(most))
+    low, high = low * abs(unit) * (1 - ROUNDED), high * abs(unit) * (1 + ROUNDED)
+    return LearningGain(low, high) if unit > 0 else LearningGain(-high, -low)
 
 
 def scaled(law: T, task: Task) -> T:
