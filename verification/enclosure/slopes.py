@@ -144,6 +144,11 @@ _PARTIALS: Mapping[str, Partials] = {
 }
 
 
+def partials(op: str, value: Span, *arguments: Span) -> tuple[Span, ...]:
+    """Enclose the slopes of an operation by its arguments; the whole line where nothing is known."""
+    return tuple(_known(one) for one in _PARTIALS.get(op, _unknown)(value, *arguments))
+
+
 def gradient(graph: Rewritten, node: int, values: Mapping[int, Value], shape: tuple[int, int]) -> Span:
     """Enclose the gradient of a node on boxes.
 

@@ -9,6 +9,7 @@ coefficient has as many cases as its period, and a pole between two samples is m
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,6 +130,32 @@ def tabulated(graph: Rewritten, lower: Array, upper: Array, whole: Flags, target
         at_upper=at.hi[:, kept],
         numbers=low[places][:, kept],
     )
+
+
+class Read(NamedTuple):
+    """A graph whose readings are coordinates of their own, behind those of the box, and what encloses them."""
+
+    graph: Rewritten
+    lower: Array
+    """(readings, numbers); infinite where a reading has no value."""
+    upper: Array
+
+
+def readings_at(graph: Rewritten, targets: tuple[int, ...], whole: Flags, numbers: Array) -> Read:
+    """Tabulate what the targets read of one whole coordinate, enclosed at each of some numbers, in their order."""
+    kinds = _kinds(graph, targets, whole)
+    read = set(targets).union(*(graph.nodes[k].args for k, kind in kinds.items() if kind == _MIXED))
+    readings = [k for k, kind in kinds.items() if kind == _WHOLE and k in read]
+    if not readings:
+        none = np.zeros((0, numbers.size))
+        return Read(graph, none, none)
+    at = np.zeros((whole.size, numbers.size))
+    at[whole] = numbers
+    found = _enclosed(graph, at, at, readings)
+    nodes = list(graph.nodes)
+    for row, k in enumerate(readings):
+        nodes[k] = Quantity(INPUT, coordinate=whole.size + row, origin=nodes[k].origin)
+    return Read(replace(graph, nodes=tuple(nodes)), found.lo, found.hi)
 
 
 def _enclosed(graph: Rewritten, low: Array, high: Array, nodes: list[int]) -> Span:

@@ -37,6 +37,7 @@ from models.errors import InvalidValue
 from workbench.distribution import DISTRIBUTION
 from workbench.fold.agreement import doubt, how_ended
 from workbench.fold.tightened import tightened
+from workbench.fold.trust import fault_of, foreign
 
 # No flag changes a result: sums keep their order, and nothing is assumed of NaN or infinity.
 FLAGS = ("-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fno-semantic-interposition")
@@ -85,22 +86,13 @@ def _folder() -> Path:
 def _private(folder: Path) -> Path:
     """Return a folder if what lies in it is the user's own doing, else the temporary one."""
     with contextlib.suppress(FileNotFoundError, NotADirectoryError):  # nothing lies in it
-        if fault := _foreign(folder.stat()):
+        if fault := foreign(folder.stat()):
             _say_once(
                 f"the cache folder {folder} {fault} and is not used: libraries are built in a temporary one; "
                 f"set {CACHE_VARIABLE} to a folder of yours with mode 700"
             )
             return _temporary(os.getpid())
     return folder
-
-
-def _foreign(status: os.stat_result) -> str | None:
-    """Return how somebody else but root could have written a file or folder, or None."""
-    if sys.platform == "win32":
-        return None
-    if status.st_uid not in (0, os.geteuid()):
-        return "belongs to another user"
-    return "can be written by other users" if status.st_mode & 0o022 else None
 
 
 @cache
@@ -159,6 +151,69 @@ def all_compiled(functions: Sequence[ca.Function]) -> list[ca.Function]:
         _interrupted.clear()
 
 
+def library(name: str, text: str) -> Path | None:
+    """Return the library of C of our own, built once and kept as :func:`compiled` keeps functions.
+
+    None where there is none to be had (said once, and why). Raises InvalidValue where the cache folder cannot be made.
+    """
+    command = compiler()
+    if command is None:
+        _say_once("no C compiler found (set CC to one)")
+        return None
+    file = f"{name}-{_digest(text, *_recipe(command))}.so"
+    try:
+        found = _private(_folder()) / file
+        if _lies(found):
+            return found
+        try:
+            return _kept(text, command, cache_folder() / file)
+        except OSError:
+            return _kept(text, command, _temporary(os.getpid()) / file)
+    except _NotBuiltError as error:
+        _say_once(str(error))
+    except OSError as error:
+        _say_once(f"no library can be built ({error.strerror})")
+    return None
+
+
+def _lies(library: Path) -> bool:
+    """Tell whether a library lies there as it was built; one that is damaged is said, once."""
+    told = _digest_file(library)
+    try:
+        if not told.exists():  # written after the library: without it nothing was finished
+            return False
+        fault = fault_of(library) or fault_of(told)
+        if fault is None and hashlib.sha256(library.read_bytes()).hexdigest().encode() != told.read_bytes():
+            fault = "is not what was built"
+    except FileNotFoundError:
+        return False
+    except OSError as error:
+        fault = f"cannot be read ({error.strerror})"
+    if fault is not None:
+        _say_once(f"the library {library} {fault}: it is built again")
+        return False
+    with contextlib.suppress(OSError):  # the last use, where it may be written
+        os.utime(told)
+    return True
+
+
+def _kept(text: str, command: str, library: Path) -> Path:
+    """Build a library of C and put it in its place, its digest last."""
+    with tempfile.TemporaryDirectory(dir=library.parent, prefix=_BUILD, ignore_cleanup_errors=True) as build:
+        _placed(_made(command, text, Path(build)), Path(build), library)
+    _bounded(library.parent)
+    return library
+
+
+def _placed(built: Path, build: Path, library: Path) -> None:
+    """Move what was built into its place, its digest last."""
+    built.chmod(0o644)
+    digest = build / "digest"
+    digest.write_bytes(hashlib.sha256(built.read_bytes()).hexdigest().encode())
+    os.replace(built, library)
+    os.replace(digest, _digest_file(library))
+
+
 class _NotBuiltError(Exception):
     """Why there is no machine code of a function."""
 
@@ -180,34 +235,14 @@ def _loaded(function: ca.Function, recipe: tuple[str, ...], folder: Path) -> ca.
 
 def _found(function: ca.Function, library: Path) -> ca.Function | None:
     """Return the function of a library that lies there as it was built, or None (said, where one is damaged)."""
-    told = _digest_file(library)
-    try:
-        if not told.exists():  # written after the library: without it nothing was finished
-            return None
-        fault = _fault(library) or _fault(told)
-        if fault is None and hashlib.sha256(library.read_bytes()).hexdigest().encode() != told.read_bytes():
-            fault = "is not what was built"
-    except FileNotFoundError:
+    if not _lies(library):
         return None
-    except OSError as error:
-        fault = f"cannot be read ({error.strerror})"
-    if fault is None:
-        try:
-            found = ca.external(function.name(), str(library))
-        except RuntimeError as error:
-            fault = f"cannot be loaded ({_reason(str(error))})"
-        else:
-            with contextlib.suppress(OSError):  # the last use, where it may be written
-                os.utime(told)
-            return found
+    try:
+        return ca.external(function.name(), str(library))
+    except RuntimeError as error:
+        fault = f"cannot be loaded ({_reason(str(error))})"
     _say_once(f"the library {library} {fault}: it is built again")
     return None
-
-
-def _fault(file: Path) -> str | None:
-    """Return why a file is no file that a build has left, or None."""
-    status = file.lstat()
-    return _foreign(status) if stat.S_ISREG(status.st_mode) else "is no regular file"
 
 
 def _digest_file(library: Path) -> Path:
@@ -227,11 +262,7 @@ def _built(function: ca.Function, command: str, library: Path) -> ca.Function:
                 log.warning("the tightened C of %s %s: built as generated", function.name(), fault)
         else:
             raise _NotBuiltError(f"the machine code of {function.name()} {fault}")
-        built.chmod(0o644)
-        digest = Path(build) / "digest"
-        digest.write_bytes(hashlib.sha256(built.read_bytes()).hexdigest().encode())
-        os.replace(built, library)
-        os.replace(digest, _digest_file(library))
+        _placed(built, Path(build), library)
     try:
         loaded = ca.external(function.name(), str(library))
     except RuntimeError as error:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from workbench.fold import machine_code as module
+from workbench.fold import trust
 from workbench.fold.machine_code import compiled, compiler
 
 pytestmark = pytest.mark.skipif(
@@ -197,7 +198,7 @@ def test_foreign_is_who_is_neither_the_user_nor_root():
         (0o702, 0, "other users"),
     ):
         status[0], status[4] = 0o40000 | mode, owner
-        fault = module._foreign(os.stat_result(status))
+        fault = trust.foreign(os.stat_result(status))
         assert fault is None if expected is None else expected in fault
 
 
