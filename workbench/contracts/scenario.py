@@ -216,6 +216,10 @@ class Initial(Declaration, ABC):
     def repeats(self) -> bool:
         """Whether every trial begins in the same state."""
 
+    @abstractmethod
+    def bound(self, plant: Plant) -> Array:
+        """Return the least and the largest value of every state, (states, 2); infinite if unbounded."""
+
 
 @declared
 class AtRest(Initial):
@@ -229,6 +233,10 @@ class AtRest(Initial):
     def repeats(self) -> bool:
         """Every trial begins in the same state."""
         return True
+
+    def bound(self, plant: Plant) -> Array:
+        """Return zeros."""
+        return np.zeros((len(plant.states), 2))
 
 
 @declared
@@ -252,6 +260,12 @@ class From(Initial):
         """Whether every trial begins in the same state."""
         return self.spread is None or not any(self.spread)
 
+    def bound(self, plant: Plant) -> Array:
+        """Return the state less and plus what it may deviate."""
+        middle = np.array(self.state)
+        spread = np.zeros_like(middle) if self.spread is None else np.abs(self.spread)
+        return np.stack([middle - spread, middle + spread], axis=1)
+
 
 @declared
 class GivenInitial(Initial):
@@ -267,6 +281,11 @@ class GivenInitial(Initial):
     def repeats(self) -> bool:
         """Whether every trial begins in the same state."""
         return len(set(self.states)) == 1
+
+    def bound(self, plant: Plant) -> Array:
+        """Return the least and the largest value of every state."""
+        states = np.array(self.states, dtype=float)
+        return np.stack([states.min(axis=0), states.max(axis=0)], axis=1)
 
 
 class Departure(Declaration, ABC):
@@ -318,7 +337,8 @@ class Between(Departure):
 
     def draw(self, trials: int, rng: np.random.Generator) -> Array:
         """Return the factor for every trial."""
-        return rng.uniform(self.low, self.high, trials)
+        drawn: Array = np.clip(rng.uniform(self.low, self.high, trials), self.low, self.high)  # it may round beyond
+        return drawn
 
     @property
     def range(self) -> tuple[float, float]:
