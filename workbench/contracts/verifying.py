@@ -78,7 +78,7 @@ def _without_number(plant: Plant, name: str) -> InvalidValue | None:
     """Return why a setting of the plant has no range, or None where there is no such setting."""
     for path, spec, value in walked(plant, lambda spec, value: is_declared(value), PLANT):
         if path == name:
-            what = f"shapes the equations ({spec.kind})" if spec.structural else f"is {value!r} here"
+            what = "shapes the equations" if spec.structural else f"is {value!r} here"
             return InvalidValue(f"verify.scope names {name}, which {what}: it has no number that could vary")
     return None
 
