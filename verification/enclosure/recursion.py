@@ -27,7 +27,7 @@ from verification.enclosure.interval import PARTIAL, TOTAL, reason
 from verification.enclosure.outward import Span
 from verification.enclosure.rewriting import COVER, MEET, SELECT, Quantity, Rewritten, rewritten
 from verification.enclosure.slopes import partials
-from verification.enclosure.whole import Read, readings_at
+from verification.enclosure.whole import readings_at
 from workbench.fold.machine_code import library
 from workbench.graph.operations import CONSTANT, INPUT
 
