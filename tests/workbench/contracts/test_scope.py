@@ -292,6 +292,27 @@ def test_bounds_that_are_none_are_refused_in_one_line(odd):
 
 
 @declared
+class Once(Initial):
+    """A start that is drawn once, from what has no bound."""
+
+    def draw(self, plant, trials, rng):
+        return np.tile(rng.normal(size=len(plant.states)), (trials, 1))
+
+    @property
+    def repeats(self):
+        return True
+
+    def bound(self, plant):
+        return np.tile([-math.inf, math.inf], (len(plant.states), 1))
+
+
+def test_a_start_that_repeats_is_the_one_that_is_drawn():
+    made = study(initial=Once(), noise=UniformNoise(largest=0.1))
+    scope = scope_of(made)
+    assert scope.open == () and np.array_equal(scope.start.T, [made.inputs()[0].x0] * 2) and scope.start.any()
+
+
+@declared
 class Endless(Departure):
     """A factor that may be anything."""
 
