@@ -81,6 +81,20 @@ CASES = {
 }
 
 
+SHOWN = {
+    "masses": {"plant mass", "plant b0_mean"},
+    "masses by trial": {"plant mass"},
+    "a swing below zero": {"plant b0_swing"},
+    "an actuator": {"plant mass"},
+    "starts": {"initial speed", "initial position"},
+    "starts by trial": {"initial speed", "initial position"},
+    "gusts": {f"disturbance {Maglev().disturbances[0].name}"},
+    "noise that has a limit": {"noise speed"},
+    "noise on one output": {"noise speed"},
+    "a lag of its own behind another": {"plant time_constant", "plant plant.mass"},
+}
+
+
 def inside(scope, made):
     """Tell whether all that a study draws lies in a scope, quantities by the plant that runs in every trial."""
     (low, high), found = scope.disturbance, []
@@ -117,6 +131,7 @@ def test_by_default_it_contains_all_that_is_drawn_and_is_no_wider_than_that(case
     assert not behind.any()
     assert set(scope.parameters) == scope.moving == set(made.factors())
     assert all(one.low < one.high for one in scope.shown().values())
+    assert set(scope.shown()) == SHOWN.get(case, set())
 
 
 NARROW = {

@@ -100,9 +100,11 @@ class Pair(Plant):
     sampling_time: float = quantity(default=0.1, unit="s", doc="sampling time", above=0)
 
     def check(self) -> None:
-        """Raise InvalidValue unless least lies below most."""
+        """Raise InvalidValue unless least lies below most, and both together below 20."""
         if isinstance(self.least, float) and isinstance(self.most, float) and self.least >= self.most:
             raise InvalidValue(f"least must lie below most, got {self.least:g} and {self.most:g}")
+        if isinstance(self.least, float) and isinstance(self.most, float) and self.least + self.most > 20:
+            raise InvalidValue(f"most must be at most 20 with least, got {self.least:g} and {self.most:g}")
 
     def step(self, x, u, w, k):
         return (x.place + self.sampling_time * (u.push + w.wind) * self.most,)
@@ -153,6 +155,7 @@ def test_what_a_plant_can_have_is_taken(scope):
         ({"plant.sampling_time": (0, 1)}, r"holds plant.sampling_time at 0, but plant.sampling_time must lie in \(0"),
         ({"plant.least": (0.0, 2.0)}, r"holds plant.least at 2, but plant.least must lie below most, got 2 and 2"),
         ({"plant.least": (1, 6), "plant.most": (5, 8)}, r"holds plant.(least|most) at [56], but plant.least must lie"),
+        ({"plant.least": (1, 8), "plant.most": (9, 13)}, r"but plant.most must be at most 20 with least, got 8 and 13"),
         ({"noise.place": (-1, 2)}, r"verify.scope must be -nu to nu for noise.place, got \[-1, 2\]"),
         ({"noise.place": (1, 2)}, r"verify.scope must be -nu to nu"),
         ({"plant.none": (0, 1)}, r"names plant.none, which is None here: it has no number"),
