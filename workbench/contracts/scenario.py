@@ -369,8 +369,7 @@ class Between(Departure):
 
     def draw(self, trials: int, rng: np.random.Generator) -> Array:
         """Return the factor for every trial."""
-        drawn: Array = np.clip(rng.uniform(self.low, self.high, trials), self.low, self.high)  # it may round beyond
-        return drawn
+        return rng.uniform(self.low, self.high, trials)
 
     @property
     def range(self) -> tuple[float, float]:
