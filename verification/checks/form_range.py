@@ -15,6 +15,7 @@ from verification.checks.polynomial import Form, Variables, number, product, tot
 from verification.enclosure import outward
 from verification.enclosure.interval import PARTIAL, TOTAL
 from verification.enclosure.outward import Span
+from workbench.graph import Lookup
 from workbench.graph.operations import BOOLEAN
 
 TRUTH, SELECT = "truth", "select"
@@ -103,6 +104,8 @@ class Ranges:
 
     def _variable(self, variable: int) -> Span:
         op, arguments = self.variables.meant[variable]
+        if isinstance(op, Lookup):
+            raise Unbounded("a table has no enclosure")
         if not isinstance(op, str):
             return _span(*self.coordinate(op))
         if op == TRUTH:

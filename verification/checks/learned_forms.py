@@ -211,10 +211,16 @@ class Forms:
             return times(a, inverse(b))
 
         def both(a: Form, b: Form) -> Form:
-            return _logical(a, b, 1) or base.operations["and"](a, b)
+            return self._settled(a, b, 1) or base.operations["and"](a, b)
 
         def either(a: Form, b: Form) -> Form:
-            return _logical(a, b, 0) or base.operations["or"](a, b)
+            return self._settled(a, b, 0) or base.operations["or"](a, b)
+
+        def power(a: Form, exponent: Form) -> Form:
+            whole = exponent.constant
+            if whole == 2:
+                return times(a, a)
+            return opaque("pow", a, exponent) if len(a.terms) > 1 else base.operations["pow"](a, exponent)
 
         own: dict[str, Callable[..., Form]] = {
             "add": self._sum,
@@ -222,6 +228,8 @@ class Forms:
             "sq": lambda a: times(a, a),
             "div": divided,
             "inv": inverse,
+            "pow": power,
+            "constpow": power,
             "and": both,
             "or": either,
         }
@@ -230,6 +238,16 @@ class Forms:
             constant=base.constant,
             lookup=base.lookup,
         )
+
+    def _settled(self, a: Form, b: Form, neutral: int) -> Form | None:
+        """Return "and" (neutral 1) or "or" (neutral 0) of two conditions of which one is known, or None."""
+        for one, other in ((a, b), (b, a)):
+            known = one.constant
+            if known is not None:
+                whole = other.constant
+                rest = self._truth(other) if whole is None else number(bool(whole))
+                return rest if bool(known) == bool(neutral) else number(1 - neutral)
+        return None
 
     def _sum(self, a: Form, b: Form) -> Form:
         first, second = self._guard(a), self._guard(b)
@@ -255,18 +273,6 @@ class Forms:
             return False
         op, arguments = self.variables.meant[which]
         return op == "not" and arguments[0].key == c.key
-
-
-def _logical(a: Form, b: Form, neutral: int) -> Form | None:
-    """Return and (neutral 1) or or (neutral 0) of conditions of which one is known and settles it, or None.
-
-    Where the known one leaves it to the other, that is what a condition needs to be: zero or not.
-    """
-    for one, other in ((a, b), (b, a)):
-        known = one.constant
-        if known is not None:
-            return other if bool(known) == bool(neutral) else number(1 - neutral)
-    return None
 
 
 def ranges(forms: Forms, between: Callable[[str], tuple[float, float]]) -> Ranges:

@@ -246,7 +246,7 @@ def learned_graph(law: AnyLaw, task: Task) -> Learned:
 
     def planned(columns: Sequence[ca.MX]) -> ca.MX:
         columns = [ca.repmat(one, 1, n) if one.shape[1] == 1 else one[:, :n] for one in columns]
-        return ca.densify(as_matrix(act.map(n)(*columns)))
+        return ca.MX(ca.densify(act.map(n)(*columns)))
 
     plan = planned(fields)
     after = [

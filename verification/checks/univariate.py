@@ -64,7 +64,7 @@ def positive(p: Polynomial, low: End, high: End) -> bool:
     """Tell whether a polynomial is positive wherever low <= t <= high."""
     if not p or _sign(p, low, above=False) <= 0 or _sign(p, high, above=True) <= 0:
         return False
-    chain = [list(p), [i * one for i, one in enumerate(p)][1:]]
+    chain = [list(p), _slope(p)]
     while chain[-1]:
         chain.append([-one for one in _divided(chain[-2], chain[-1])[1]])
     chain.pop()
@@ -77,16 +77,41 @@ def positive(p: Polynomial, low: End, high: End) -> bool:
 
 
 def never_negative(p: Polynomial, low: End, high: End) -> bool:
-    """Tell whether p(t) >= 0 is shown for low <= t <= high; zero is shown at the ends alone, not between them."""
+    """Tell whether a polynomial is zero or more wherever low <= t <= high: it may touch zero, and may be it."""
     if not p:
         return True
     if low is not None and low == high:
         return _value(p, low) >= 0
-    rest = list(p)
+    rest = _odd(p)
     for end, factor in ((low, Fraction(1)), (high, Fraction(-1))):
-        while end is not None and rest and not _value(rest, end):
+        if end is not None and not _value(rest, end):  # t - low and high - t are zero or more
             rest, _ = _divided(rest, [-end * factor, factor])
     return positive(rest, low, high)
+
+
+def _odd(p: Polynomial) -> list[Fraction]:
+    """Return a polynomial without the squares that divide it: the same sign wherever it is not zero."""
+    common = _shared(p, _slope(p))
+    simple, _ = _divided(p, common)
+    found, power = [Fraction(1)], 1
+    while len(simple) > 1:
+        left = _shared(simple, common)
+        if power % 2:
+            found = times(found, _divided(simple, left)[0])
+        simple, common, power = left, _divided(common, left)[0], power + 1
+    return [one * p[-1] / found[-1] for one in found]
+
+
+def _slope(p: Polynomial) -> list[Fraction]:
+    return [i * one for i, one in enumerate(p)][1:]
+
+
+def _shared(a: Polynomial, b: Polynomial) -> list[Fraction]:
+    """Return the greatest common divisor."""
+    first, second = list(a), list(b)
+    while second:
+        first, second = second, _divided(first, second)[1]
+    return [one / first[-1] for one in first]
 
 
 def between(over: tuple[Polynomial, Polynomial], low: End, high: End, least: Fraction, most: Fraction) -> bool:

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.array import Array
 from verification.checks.learned_gain import Shown
@@ -140,7 +141,8 @@ def _room(moved: Moved, gain: LearningGain, increment: bool, *, kept: float) -> 
         ends = np.sort([gain.low * signal, gain.high * signal], axis=0)
         plans = np.abs(moved.u) + np.abs(moved.following)
         spare = ROUNDED * (plans + max(abs(gain.low), abs(gain.high)) * size)
-        room = np.where(reached, np.minimum(step - ends[0], ends[1] - step) + spare, kept * plans - np.abs(step))
+        left = np.where(step == 0, np.inf, kept * plans - np.abs(step))
+        room = np.where(reached, np.minimum(step - ends[0], ends[1] - step) + spare, left)
     return np.nan_to_num(room, nan=-LOST, posinf=LOST, neginf=-LOST)
 
 
@@ -158,7 +160,7 @@ def _place(moved: Moved, gain: LearningGain, law: AnyLaw, k: int) -> dict[str, o
     }
 
 
-def held_update(law: AnyLaw, r: Array, u: Array, seen: Array, lengths: Array) -> Held:
+def held_update(law: AnyLaw, r: Array, u: Array, seen: Array, lengths: NDArray[np.int64]) -> Held:
     """Hold the form against trials that were run, rounding allowed for; what must be kept is kept bit for bit.
 
     ``u`` (trials, N) are the plans, ``seen`` (trials, N + 1) what the law saw of the output, ``lengths`` the last

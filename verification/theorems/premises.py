@@ -74,16 +74,19 @@ class Premises:
     def update_form(self) -> Claim:
         """The plan of a sample moves by a gain between two ends times the error, and is kept elsewhere."""
         of = self.of
+        task = of.study.task(of.law)
+        if of.plant.ends:
+            task = task._replace(varying_lengths=True)
         return Claim(
             name=f"{of.study.name}.premise.update_form",
             statement="The plan of a sample changes by a gain between two ends times the error of what is learned, and "
             "is kept where the trial did not reach.",
             source=OURS,
-            check=lambda: update.learns_as_declared(of.law, of.study.task(of.law)),
+            check=lambda: update.learns_as_declared(of.law, task),
             controller=of.controller,
             role=Role.REPAIRED,
             premises=(self.plan_alone,),
-            replay=lambda witness: update.replay(of.law, of.study.task(of.law), witness),
+            replay=lambda witness: update.replay(of.law, task, witness),
             attack=of.attack_update,
         )
 
