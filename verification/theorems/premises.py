@@ -90,6 +90,18 @@ class Premises:
         return "the theorem is for the law without its filter (q_cutoff_hz null)"
 
     @cached_property
+    def update_form(self) -> Claim:
+        """The plan is moved by a gain between declared ends times the error."""
+        return self._settled(
+            "update_form", "The law adds l times the error to its plan, l between its declared ends.", self._gain
+        )
+
+    def _gain(self) -> str | None:
+        if self.of.law.learning_gain is not None:
+            return None
+        return "the law does not say between which ends its learning gain lies"
+
+    @cached_property
     def positive_estimate(self) -> Claim:
         """The estimate begins positive."""
         return self._settled("positive_estimate", "The estimate begins positive.", self._first)
