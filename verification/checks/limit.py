@@ -59,19 +59,18 @@ import numpy as np
 
 from models.array import Array
 from models.plant import Plant
-from verification.checks.delayed import delayed_box, delayed_output, delayed_step
+from verification.checks.delayed import delayed_box, delayed_step
 from verification.checks.slope import slope
 from verification.enclosure import outward
 from verification.enclosure.box import Box
 from verification.enclosure.interval import evaluate, reason, supported
 from verification.enclosure.rewriting import rewritten
-from verification.enclosure.smoothness import continuous_everywhere, continuous_on, nonsmooth_operations
+from verification.enclosure.smoothness import breaks_somewhere, continuous_on
 from workbench.contracts.claim import Held
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.contracts.law import AnyLaw, LearningGain
 from workbench.contracts.study import Study
 from workbench.graph import Unreadable, read
-from workbench.graph.operations import OPERATIONS
 
 ROUNDED = 2.0**-40
 """What a trial may round at its first sample, of the magnitudes met there: 4096 units in the last place."""
@@ -88,7 +87,7 @@ def slope_everywhere(plant: Plant, horizon: int) -> Slope | str:
     if not outward.arithmetic_is_ieee():
         return "this process does not round to nearest or drops subnormals"
     try:
-        graph = slope(read(delayed_output(plant, 1)), "y", "u")
+        graph = slope(read(delayed_step(plant, 1)), "y", "u")
     except Unreadable as error:
         return str(error)
     found = rewritten(graph)
@@ -116,8 +115,8 @@ def slope_everywhere(plant: Plant, horizon: int) -> Slope | str:
     return float(np.min(span.lo)), float(np.max(span.hi))
 
 
-def not_continuous(plant: Plant, *, increment: bool = False, over: Box | None = None) -> str | None:
-    """Return why states and outputs are not shown to be defined and continuous, or None.
+def not_continuous(plant: Plant, horizon: int, *, increment: bool = False, over: Box | None = None) -> str | None:
+    """Return why states and outputs are not shown to be defined and continuous at k = 0..N-1, or None.
 
     Everywhere, for all states and inputs: the equations are then made of operations that have no pole, jump or end of
     a domain anywhere; kinks do no harm. Or over a box that holds every trial.
@@ -126,20 +125,15 @@ def not_continuous(plant: Plant, *, increment: bool = False, over: Box | None = 
         graph = read(delayed_step(plant, 1, increment=increment))
     except Unreadable as error:
         return str(error)
-    if continuous_everywhere(graph):
+    broken = breaks_somewhere(graph, {"k": (0.0, float(horizon - 1))})
+    if not broken:
         return None
     if over is not None:
         return continuous_on(graph, delayed_box(over, 1)).reason
-    for one in nonsmooth_operations(graph):
-        known = OPERATIONS[one.name].critical if one.name in OPERATIONS else None
-        edge = one.name in ("pow", "constpow") or (known is not None and known.edge)
-        if one.kind != "kink" or edge:
-            what = "the end of a domain" if one.kind == "kink" else f"a {one.kind}"
-            return (
-                f"the equations have {what}, of {one.name} in {one.expression}, and nothing keeps trials from it: a "
-                "set that is shown to hold every trial would decide"
-            )
-    return "the equations hold an operation of which it is not known where it is continuous"
+    return (
+        f"the equations are not shown to be continuous everywhere ({broken}), and nothing keeps trials from it: a set "
+        "that is shown to hold every trial would decide"
+    )
 
 
 def contracting(gain: LearningGain, b_low: float, b_high: float) -> float | str:

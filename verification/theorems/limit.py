@@ -16,6 +16,7 @@ from models.quantity import InvalidValue
 from verification.checks import limit
 from verification.checks.estimate_form import estimate_form
 from verification.checks.settled import settled
+from verification.enclosure.box import Box
 from verification.theorems.dossier import Dossier
 from workbench.contracts.claim import Claim, Held, Role
 from workbench.contracts.finding import Finding, Grounds, undecided
@@ -62,11 +63,11 @@ def claims_of(d: Dossier) -> list[Claim]:
     ]
 
 
-def increment_limit(d: Dossier, funnel: Claim, slopes: Slopes) -> Claim:
+def increment_limit(d: Dossier, funnel: Claim, slopes: Slopes, over: Callable[[], Box] | None = None) -> Claim:
     """Return the limit for a law that learns on the output's increment.
 
     ``funnel`` is the claim of a set that holds every trial and its targets, ``slopes`` gives the ends of the mean slope
-    over it.
+    over it, ``over`` a box that holds the set, where the plant is not continuous for all states and inputs.
     """
     lacks = _lacks(d, "increment")
     return Claim(
@@ -77,7 +78,7 @@ def increment_limit(d: Dossier, funnel: Claim, slopes: Slopes) -> Claim:
         check=partial(_enough, d, lambda: limit.increment_limit(d.study, d.law, *slopes(), fell=_fell(d))),
         controller=d.controller,
         role=Role.REPAIRED,
-        premises=() if lacks or d.done < 2 else (funnel, *_shared_premises(d)),
+        premises=() if lacks or d.done < 2 else (funnel, *_shared_premises(d, over)),
         lacks=lacks,
         attack=partial(_attack, d),
     )
@@ -134,7 +135,7 @@ def _attack(d: Dossier, found: Finding) -> Held:
     return limit.held_at_first_sample(errors, gain, (low, high), magnitude)
 
 
-def _shared_premises(d: Dossier) -> Sequence[Claim]:
+def _shared_premises(d: Dossier, over: Callable[[], Box] | None = None) -> Sequence[Claim]:
     """Return what a limit asks whatever is learned on."""
     p, name = d.premises, f"{d.study.name}.premise"
     return (
@@ -154,9 +155,9 @@ def _shared_premises(d: Dossier) -> Sequence[Claim]:
         ),
         Claim(
             name=f"{name}.continuous_everywhere",
-            statement="States and outputs are defined and continuous, for all states and inputs.",
+            statement="States and outputs are defined and continuous, for all states and inputs that trials may meet.",
             source=OURS,
-            check=partial(_continuous, d),
+            check=partial(_continuous, d, over),
             controller=d.controller,
         ),
         settled(
@@ -179,7 +180,7 @@ def _premises_of_the_conclusion(d: Dossier) -> Sequence[Claim]:
         d.premises.positive_estimate,
         Claim(
             name=f"{d.study.name}.premise.estimate_form",
-            statement="The estimate moves by (12) and (13), with 0 < eta <= 1, and the plan by (14) with that estimate.",
+            statement="The estimate moves by (12) and (13) with 0 < eta <= 1, and the plan by (14) with that estimate.",
             source=f"{PAPER}, (12) to (15)",
             check=partial(_estimate_form, d),
             controller=d.controller,
@@ -187,14 +188,24 @@ def _premises_of_the_conclusion(d: Dossier) -> Sequence[Claim]:
     )
 
 
-def _continuous(d: Dossier) -> Finding:
-    why = limit.not_continuous(d.plant, increment=d.law.learns_on == "increment")
+def _continuous(d: Dossier, over: Callable[[], Box] | None) -> Finding:
+    increment = d.law.learns_on == "increment"
+    why = limit.not_continuous(d.plant, d.study.horizon, increment=increment)
+    if why is None:
+        return Finding(
+            grounds=Grounds.ALGEBRA,
+            holds=why is None,
+            method="the equations are made of operations that have no pole, jump or end of a domain anywhere",
+        )
+    if over is None:
+        return undecided(why)
+    why = limit.not_continuous(d.plant, d.study.horizon, increment=increment, over=over())
     if why is not None:
         return undecided(why)
     return Finding(
-        grounds=Grounds.ALGEBRA,
+        grounds=Grounds.ENCLOSURE,
         holds=why is None,
-        method="the equations are made of operations that have no pole, jump or end of a domain anywhere",
+        method="no pole, jump or end of a domain is reached in a box that holds every trial",
     )
 
 
