@@ -114,6 +114,7 @@ def _sentences(d: Dossier, own: Mapping[str, Verdict], repaired: Sequence[str]) 
             f"The premises of Theorem 1 are not met at {100 * float((np.abs(factor) >= 1).mean()):.3g} % of trials and "
             "samples: its proof does not apply."
         )
+    text += _limit(own)
     text += _increment(own) or _lifted(own)
     text += _estimate(d, own)
     if broken and d.law.learns_on != "increment" and e.degree == 1:
@@ -123,6 +124,17 @@ def _sentences(d: Dossier, own: Mapping[str, Verdict], repaired: Sequence[str]) 
             "nothing of noise, of other masses or of other starts, so try such a law on these before it is used."
         )
     return text
+
+
+def _limit(own: Mapping[str, Verdict]) -> list[str]:
+    if not _stands(own, "theorem1.conclusion", Standing.PROVED):
+        return []
+    risen = own["theorem1.transient"] if _stands(own, "theorem1.transient", Standing.REFUTED) else None
+    way = f"; on the way it rose by {100 * -(risen.margin or 0.0):.3g} % in this run" if risen else ""
+    return [
+        "What Theorem 1 concludes is true all the same, as a limit and for another reason than its proof's: the error "
+        f"of every sample goes to zero as trials go on, which says nothing of how fast{way}."
+    ]
 
 
 def _increment(own: Mapping[str, Verdict]) -> list[str]:
