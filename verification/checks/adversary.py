@@ -18,7 +18,7 @@ from models.array import Array
 from models.errors import InvalidValue
 from workbench.contracts.law import LearnedSignal
 
-GAINS = ("full", "random", "blocks", "rising", "falling", "rising, falling", "falling, rising")
+GAINS = ("full", "least", "random", "blocks", "rising", "falling", "rising, falling", "falling, rising")
 COURSES = ("low", "high", "alternating", "blocks", "random")
 FIXABLE = ("parameters", "start", "disturbance")
 RENEWED = 0.3  # share of trials whose choices are changed in a campaign that takes after another
@@ -130,14 +130,20 @@ def impossible(possible: Possible, chosen: Sequence[Choices]) -> str | None:
     return None
 
 
-def fresh(possible: Possible, trials: int, rng: np.random.Generator) -> tuple[Choices, ...]:
-    """Return the choices of a campaign by an adversary whose habits are drawn."""
+def fresh(possible: Possible, trials: int, rng: np.random.Generator, gain: str | None = None) -> tuple[Choices, ...]:
+    """Return the choices of a campaign by an adversary whose habits are drawn.
+
+    With a kind of gain, all trials are whole and learn in this way from their first sample to their last.
+    """
     steady = rng.random() < 0.7  # one way of learning in all trials: only so does an input come to an end
     drawn = [_drawn(possible, rng)]
     drawn += [drawn[0] if steady else _drawn(possible, rng) for _ in range(trials - 1)]
     starts = _values(possible.start, trials, rng)
     parameters = _values(possible.parameters, trials, rng)
     lengths = _lengths(possible, trials, rng)
+    if gain is not None:
+        drawn = [one._replace(gain=gain, first=0, last=possible.samples) for one in drawn]
+        lengths = [possible.samples] * trials
     seeds = rng.integers(2**32, size=(trials, 2))
     made = [
         one._replace(
@@ -225,6 +231,8 @@ def gains(possible: Possible, chosen: Choices, error: Array, rng: np.random.Gene
     low, high = (np.broadcast_to(np.asarray(end, dtype=float), possible.samples)[:n] for end in possible.gain)
     k = np.arange(n)
     match chosen.gain:
+        case "least":
+            wanted = low
         case "random":
             wanted = low + rng.random(n) * (high - low)
         case "blocks":

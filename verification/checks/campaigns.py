@@ -6,19 +6,20 @@ owes nothing to the intervals by which bounds are proved, and whatever it reache
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from models.array import Array
 from models.errors import InvalidValue
 from models.expression import Expression
 from models.plant import Plant
 from models.quantity import symbolised
-from verification.checks.adversary import Choices, Possible, after, course, fresh, gains, impossible
-from verification.checks.envelope import Ends, Envelope
+from verification.checks.adversary import GAINS, Choices, Possible, after, course, fresh, gains, impossible
+from verification.checks.envelope import Ends, Envelope, chosen_of
 from workbench.fold.fold import Setter
 from workbench.fold.machine_code import compiled
 from workbench.fold.tightened import SAMPLES
@@ -26,6 +27,7 @@ from workbench.fold.tightened import SAMPLES
 UNROLLED = 20  # samples folded into one function
 EXPLORED = 0.4  # share of campaigns that take after no other
 ALONE = 20  # campaigns at the beginning that do not
+ROOM = 1000  # campaigns whose choices are kept before those that hold no end are forgotten
 
 
 class PlantEquations(NamedTuple):
@@ -77,7 +79,8 @@ def plant_equations(plant: Plant, parameters: Sequence[str] = ()) -> PlantEquati
 def campaigns(plant: PlantEquations, possible: Possible, *, count: int, trials: int, seed: int = 0) -> Envelope:
     """Run ``count`` campaigns of ``trials`` trials each and return what they reached.
 
-    A campaign is made by an adversary of its own, or takes after one that reached an end at some sample. The same
+    The first campaigns learn in each of the ways there are, one way throughout. Of the others, each is made by an
+    adversary of its own, or takes after one that reached an end at some sample. The same
     seed gives the same campaigns. Raises InvalidValue where plant and possibilities do not fit each other.
     """
     if count < 1 or trials < 1:
@@ -88,11 +91,14 @@ def campaigns(plant: PlantEquations, possible: Possible, *, count: int, trials: 
     states, inputs, increments = Ends.none(plant.x.numel(), n + 1), Ends.none(1, n), Ends.none(1, n)
     mse, mse_by = np.zeros(trials), np.full(trials, -1, dtype=np.int64)
     kept: dict[int, tuple[Choices, ...]] = {}
+    room = ROOM
     for campaign in range(count):
-        if campaign < ALONE or rng.random() < EXPLORED:
+        if campaign < len(GAINS):
+            chosen = fresh(possible, trials, rng, GAINS[campaign])
+        elif campaign < ALONE or rng.random() < EXPLORED:
             chosen = fresh(possible, trials, rng)
         else:
-            chosen = after(possible, kept[_far(states, inputs, rng)], rng)
+            chosen = after(possible, kept[_far(states, inputs, mse_by, rng)], rng)
         kept[campaign] = chosen
         for trial, ran in enumerate(_campaign(machine, possible, chosen)):
             states.take(ran.x, campaign, trial)
@@ -104,9 +110,10 @@ def campaigns(plant: PlantEquations, possible: Possible, *, count: int, trials: 
                 error = float(np.mean((possible.reference[1 : least + 1] - ran.y[1 : least + 1]) ** 2))
             if mse_by[trial] < 0 or not error <= mse[trial]:
                 mse[trial], mse_by[trial] = (np.inf if np.isnan(error) else error), campaign
-        if len(kept) >= 2000 or campaign == count - 1:
+        if len(kept) >= room or campaign == count - 1:
             holders = states.holders() | inputs.holders() | increments.holders() | {int(one) for one in mse_by}
             kept = {one: chosen for one, chosen in kept.items() if one in holders}
+            room = ROOM + 2 * len(kept)
     return Envelope(
         states=states,
         inputs=inputs,
@@ -130,14 +137,36 @@ def replay(plant: PlantEquations, possible: Possible, chosen: Sequence[Choices])
     return tuple(_campaign(_Machine(plant, possible), possible, chosen))
 
 
-def _far(states: Ends, inputs: Ends, rng: np.random.Generator) -> int:
-    """Return a campaign that holds an end of a state or an input at a sample, all drawn."""
+def reached_again(plant: PlantEquations, possible: Possible, witness: Mapping[str, object]) -> float:
+    """Return the value that a witness of ``held_inside`` tells of, from its choices alone, run again.
+
+    Raises InvalidValue for a witness of something else, and for choices that cannot come.
+    """
+    ran = replay(plant, possible, chosen_of(witness))
+    signal, row, sample, trial = (witness.get(name) for name in ("signal", "row", "sample", "trial"))
+    match signal, row, sample, trial:
+        case str("state" | "input"), int(), int(), int() if 0 <= trial < len(ran):
+            rows = ran[trial].x if signal == "state" else ran[trial].u[None, :]
+            if 0 <= row < rows.shape[0] and 0 <= sample < rows.shape[1]:
+                return float(rows[row, sample])
+    raise InvalidValue(
+        "a witness must tell signal (state or input), row, sample and trial of a value that was reached; "
+        f"got {signal}, {row}, {sample}, {trial}"
+    )
+
+
+def _far(states: Ends, inputs: Ends, mse_by: NDArray[np.int64], rng: np.random.Generator) -> int:
+    """Return a campaign that holds an end of a state or an input at a sample, or the worst error of a trial, drawn."""
     rows = states.low.shape[0]
-    row = int(rng.integers(rows + 1))
-    ends, row = (inputs, 0) if row == rows else (states, row)
-    by = ends.low_by if rng.random() < 0.5 else ends.high_by
-    reached = np.flatnonzero(by[row, :, 0] >= 0)
-    return int(by[row, reached[int(rng.integers(reached.size))], 0])
+    row = int(rng.integers(rows + 2))
+    if row > rows:
+        by = mse_by
+    elif rng.random() < 0.5:
+        by = inputs.low_by[0, :, 0] if row == rows else states.low_by[row, :, 0]
+    else:
+        by = inputs.high_by[0, :, 0] if row == rows else states.high_by[row, :, 0]
+    by = by[by >= 0]
+    return int(by[int(rng.integers(by.size))]) if by.size else int(states.low_by[0, 0, 0])
 
 
 def _campaign(machine: _Machine, possible: Possible, chosen: Sequence[Choices]) -> Iterator[Ran]:

@@ -15,7 +15,7 @@ from models.plant import Plant, signals
 from models.point_mass import PointMass
 from models.quantity import declared, quantity
 from verification.checks.adversary import COURSES, GAINS, Possible, after, fresh
-from verification.checks.campaigns import campaigns, plant_equations, replay
+from verification.checks.campaigns import campaigns, plant_equations, reached_again, replay
 from verification.checks.envelope import Bounds, chosen_of, held_inside
 from workbench.controllers import Increment
 
@@ -116,8 +116,8 @@ def plain_gain(allowed, one, error, k):
     if not one.first <= k < one.last:
         return low
     turned = {"rising, falling": k >= one.turn, "falling, rising": k < one.turn, "falling": True}.get(one.gain, False)
-    if one.gain == "full":
-        return high
+    if one.gain in ("full", "least"):
+        return high if one.gain == "full" else low
     return None if one.gain in ("random", "blocks") else high if (-error if turned else error) > 0 else low
 
 
@@ -126,8 +126,8 @@ def test_a_campaign_runs_as_a_plain_loop_does(case):
     plant, names, allowed, equations = given(case)
     rng = np.random.default_rng(3)
     seen_gains = set()
-    for _ in range(12):
-        chosen = fresh(allowed, 5, rng)
+    for gain in (*GAINS, *[None] * 6):
+        chosen = fresh(allowed, 5, rng, gain)
         u = list(allowed.first_plan)
         for one, ran in zip(chosen, replay(equations, allowed, chosen), strict=True):
             same = dataclasses.replace(plant, **dict(zip(names, one.parameters, strict=True)))
@@ -210,7 +210,8 @@ def test_the_envelope_is_that_of_every_trial(case):
     count, trials = 15, 4  # so few that none takes after another
     found = campaigns(equations, allowed, count=count, trials=trials, seed=5)
     rng = np.random.default_rng(5)
-    runs = [replay(equations, allowed, fresh(allowed, trials, rng)) for _ in range(count)]
+    made = [fresh(allowed, trials, rng, gain) for gain in (*GAINS, *[None] * (count - len(GAINS)))]
+    runs = [replay(equations, allowed, chosen) for chosen in made]
     for ends, rows in (
         (found.states, [ran.x for one in runs for ran in one]),
         (found.inputs, [ran.u[None, :] for one in runs for ran in one]),
@@ -251,6 +252,19 @@ def test_the_same_seed_gives_the_same_campaigns_and_another_does_not():
     assert (one.states.low != other.states.low).any()
 
 
+@pytest.mark.parametrize("learns_on", ["increment", "output"])
+def test_one_sample_is_a_run_too(learns_on):
+    allowed = Possible(
+        reference=np.array([0.0, 1.0]),
+        first_plan=np.zeros(1),
+        gain=(0.0, 2.0),
+        start=(np.zeros(1),) * 2,
+        learns_on=learns_on,
+    )
+    found = campaigns(plant_equations(Dry()), allowed, count=60, trials=5)
+    assert (found.inputs.low[0, 0], found.inputs.high[0, 0]) == (0.0, 2.0)  # l b = 1: at once there, and never past
+
+
 def bounds(found, shrink=0.0):
     """Return the envelope as bounds that it just keeps, drawn in by a share of each signal's width; unreached at 0."""
     ends = []
@@ -281,11 +295,10 @@ def test_bounds_that_are_a_little_too_tight_are_contradicted(case):
             told = json.loads(json.dumps(held.witness))
             assert (told["sample"], told["side"], told["signal"] + "s") == (k, side, name)
             assert told["room"] == pytest.approx(-0.01)
-            ran = replay(equations, allowed, chosen_of(told))[told["trial"]]
-            rows = ran.x if name == "states" else ran.u[None, :]
-            assert rows[told["row"], k] == told["reached"]
-            enough = Bounds(spare.states + 0.011, spare.inputs + 0.011)
-            assert held_inside(found, Bounds(**ends["low"]), Bounds(**ends["high"]), enough).margin > 0
+            assert reached_again(equations, allowed, told) == told["reached"]
+            for add, kept in ((0.009, False), (0.011, True)):
+                rounding = Bounds(spare.states + add, spare.inputs + add)
+                assert (held_inside(found, Bounds(**ends["low"]), Bounds(**ends["high"]), rounding).margin > 0) == kept
 
 
 def test_a_plant_that_leaves_the_numbers_is_inside_nothing():
@@ -317,6 +330,13 @@ def again(case="rain fixed", **changed):
     _, _, allowed, equations = given(case)
     chosen = fresh(allowed, 3, np.random.default_rng(0))
     return lambda: replay(equations, allowed, (*chosen[:-1], chosen[-1]._replace(**changed)))
+
+
+def witness(**changed):
+    _, _, allowed, equations = given("rain")
+    told = {"signal": "state", "row": 0, "sample": 1, "trial": 0}
+    choices = [one._asdict() for one in fresh(allowed, 3, np.random.default_rng(0))]
+    return lambda: reached_again(equations, allowed, {**told, "choices": choices, **changed})
 
 
 def with_nan(low, high, spare):
@@ -351,6 +371,10 @@ def with_nan(low, high, spare):
         (held(lambda low, high, spare: (low, high, Bounds(spare.states - 1, spare.inputs))), "at least 0, got -1"),
         (lambda: chosen_of({"sample": 3}), "must tell by trial length, gain"),
         (lambda: chosen_of({"choices": [{"length": 3}]}), "must tell by trial length, gain"),
+        (witness(trial=3), "of a value that was reached; got state, 0, 1, 3"),
+        (witness(sample=40), "of a value that was reached; got state, 0, 40, 0"),
+        (witness(row=-1), "of a value that was reached; got state, -1, 1, 0"),
+        (witness(signal="speed"), "of a value that was reached; got speed, 0, 1, 0"),
         (again(length=11), "12 to 30 samples, got 11"),
         (again(length=31), "12 to 30 samples, got 31"),
         (again(start=(0.1,)), "start must lie between"),
@@ -449,13 +473,14 @@ def test_adversaries_come_to_the_ends_of_what_is_reachable():
     equations, allowed, (low, high, spare) = line_case("flat")
     found = campaigns(equations, allowed, count=60, trials=40)
     assert held_inside(found, low, high, spare).margin >= 0
-    ends = low.states[0].min(), high.states[0].max()
-    reached = found.states.low[0].min(), found.states.high[0].max()
+    ends, reached = (low.states[0].min(), high.states[0].max()), (found.states.low[0].min(), found.states.high[0].max())
     assert np.abs(np.subtract(ends, reached)).max() < 0.01 * (ends[1] - ends[0])
+    width = high.states[0] - low.states[0]
+    assert (found.states.high[0] - found.states.low[0] >= 0.98 * width)[1:].all()  # at every sample, not at the widest
 
 
 @pytest.mark.parametrize("case", LINES)
-def test_campaigns_stay_in_what_is_reachable_and_no_tighter_set_holds_them(case):
+def test_campaigns_stay_in_what_is_reachable_and_leave_half_of_it(case):
     equations, allowed, (low, high, spare) = line_case(case)
     found = campaigns(equations, allowed, count=40, trials=30)
     assert held_inside(found, low, high, spare).margin >= 0
