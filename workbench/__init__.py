@@ -11,8 +11,9 @@ _HOME = {
     "__version__": "workbench.distribution",
     "load": "workbench.trials.campaign",
     "run": "workbench.trials.campaign",
+    "safe_plan": "verification.decide.safe_plan",
 }
-__all__ = ["Campaign", "Law", "Study", "TrialLength", "Verification", "load", "run"]
+__all__ = ["Campaign", "Law", "Study", "TrialLength", "Verification", "load", "run", "safe_plan"]
 _REPLACED = {"TrialStudy": "Study"}
 
 

@@ -1,3 +1,4 @@
+from verification.decide.safe_plan import safe_plan as safe_plan
 from workbench.contracts.law import Law as Law
 from workbench.contracts.study import Study as Study
 from workbench.contracts.trial_length import TrialLength as TrialLength
@@ -7,4 +8,4 @@ from workbench.trials.campaign import Campaign as Campaign
 from workbench.trials.campaign import load as load
 from workbench.trials.campaign import run as run
 
-__all__ = ["Campaign", "Law", "Study", "TrialLength", "Verification", "load", "run"]
+__all__ = ["Campaign", "Law", "Study", "TrialLength", "Verification", "load", "run", "safe_plan"]

@@ -145,6 +145,31 @@ EXPECTED: Expectations = {
             cases=(STARTS, LIMITED, LAGGING, TRIPS),
         ),
     ),
+    "increment_funnel": (
+        Expected(
+            standing=PROVED, why="an input goes towards what the state that is there needs, by less than all of it"
+        ),
+        Expected(
+            standing=UNDECIDED,
+            why="behind a dead time what an input does is seen later: a law for that relative degree would decide",
+            cases=(LAGGING,),
+        ),
+    ),
+    "increment_limit": (
+        Expected(standing=PROVED, why="each sample's input goes to its target once the samples before it have"),
+        Expected(
+            standing=UNDECIDED,
+            why="the induction is for a plan that acts as it is, from one start, on one plant: one with these in it "
+            "would decide",
+            cases=(STARTS, LIMITED, LAGGING, TRIPS),
+        ),
+    ),
+    "learning_curve": (
+        Expected(standing=PROVED, why="in each trial every input goes to its target by a least share"),
+        Expected(
+            standing=UNDECIDED, why="there is no funnel behind a dead time: a law for it would decide", cases=(LAGGING,)
+        ),
+    ),
     "does_not_diverge": (Expected(standing=SUPPORTED, why="all three laws run all trials"),),
     "error_falls": (
         Expected(standing=SUPPORTED, why="all three laws learn", published="the error falls by trial (Fig. 7)"),

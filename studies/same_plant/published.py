@@ -47,6 +47,15 @@ EXPECTED: Expectations = {
     "increment_weighted": (
         Expected(standing=UNDECIDED, why="the law is filtered, and meets noise and limits: a theorem with these in it"),
     ),
+    "increment_funnel": (
+        Expected(standing=UNDECIDED, why="the law filters its plan as a whole: a theorem with the filter in it"),
+    ),
+    "increment_limit": (
+        Expected(standing=UNDECIDED, why="the law filters its plan as a whole: a theorem with the filter in it"),
+    ),
+    "learning_curve": (
+        Expected(standing=UNDECIDED, why="the law filters its plan as a whole: a theorem with the filter in it"),
+    ),
     "unsaturated": (
         Expected(standing=REFUTED, why="laws that know nothing of the limits ask for more than they give"),
         Expected(standing=SUPPORTED, why="its programs know the limits", controllers=("tracking-mpc",)),

@@ -26,7 +26,7 @@ from verification.checks.error_map_replay import replay_monotone
 from verification.checks.premises import same_plant
 from verification.theorems import conclusion, funnel, limit
 from verification.theorems.dossier import Dossier
-from verification.theorems.pictures import figures
+from verification.theorems.pictures import figures, funnel_figures
 from workbench.contracts.claim import Claim, Held, Range, Role
 from workbench.contracts.examination import Examination
 from workbench.contracts.finding import Finding, undecided
@@ -47,7 +47,7 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
     return Examination(
         claims=[claim for dossier in files for claim in claims_of(dossier)],
         conclude=partial(conclusion.paragraphs, shown),
-        figures=partial(figures, shown, full),
+        figures=lambda: {**figures(shown, full), **funnel_figures([one for one in files if one.done])},
         tables=partial(conclusion.boxes, shown),
         scores=partial(scores, campaign, shown),
     )

@@ -8,8 +8,11 @@ from functools import partial
 import numpy as np
 
 from verification.checks import assumptions, convergence
+from verification.checks.funnel import Open
 from verification.theorems.dossier import Dossier
+from verification.theorems.funnel import bands, lacks_funnel
 from workbench.contracts.examination import Figure
+from workbench.evidence import bands as plots_bands
 from workbench.evidence import figures as plots_ppd
 from workbench.evidence import sweeps
 from workbench.evidence.ppd import quantiles
@@ -47,6 +50,49 @@ def figures(files: Sequence[Dossier], full: bool) -> Mapping[str, Figure]:
         if d.law.estimator is not None:
             found |= _adaptive_figures(d, full)
     return found
+
+
+def funnel_figures(files: Sequence[Dossier]) -> Mapping[str, Figure]:
+    """Return the figures of safe learning, of every law for which there is a funnel."""
+    found: dict[str, Figure] = {}
+    for d in files:
+        if lacks_funnel(d) or isinstance(d.funnels.found, Open):
+            continue
+        name = d.controller
+        shown = d.funnels.scope.shown()
+        scope = "; ".join(f"{what} {one.low:.6g} to {one.high:.6g} {one.unit}" for what, one in shown.items())
+        found[f"funnel_{name}"] = Figure(
+            caption=f"{name}: bands that every trial stays in, whatever the trial lengths and whatever the law "
+            f"estimates{f' (for {scope})' if scope else ''}; the recorded trials run inside.",
+            draw=partial(plots_bands.bands, name, _panels(d)),
+        )
+        curve = d.funnels.curve
+        if not isinstance(curve, Open):
+            errors = np.square(d.study.reference_samples[0] - d.funnels.taken.y)[:, 1 : curve.last + 1].mean(axis=1)
+            found[f"learning_curve_{name}"] = Figure(
+                caption=f"{name}: the bound of the mean square error over samples 1 to {curve.last}, which every trial "
+                "reaches, over the recorded error computed likewise.",
+                draw=partial(
+                    plots_bands.learning_curve, name, curve.common, errors, final=curve.final, unit=d.mse_unit
+                ),
+            )
+    return found
+
+
+def _panels(d: Dossier) -> list[plots_bands.Panel]:
+    """Return the bands of states, output and input with what was recorded of each."""
+    taken, states = d.funnels.taken, [signal.name for signal in d.plant.states]
+    output = d.plant.outputs[0].name
+    reached = np.arange(taken.u.shape[1])[None, :] < taken.lengths[:, None]
+    panels = []
+    for signal, ends in bands(d):
+        if signal.name in states:
+            recorded = taken.x[:, states.index(signal.name)]
+        else:
+            recorded = taken.y if signal.name == output else np.where(reached, taken.u, np.nan)
+        wanted = d.study.reference_samples[0] if signal.name == output else None
+        panels.append(plots_bands.Panel(signal.name, signal.unit, ends[:, 0], ends[:, 1], recorded, wanted))
+    return panels
 
 
 def _adaptive_figures(d: Dossier, full: bool) -> dict[str, Figure]:

@@ -32,11 +32,10 @@ class Increment(Parameters[Memory]):
 
     The lifted operator from inputs to increments is nearly diagonal where the plant is nearly an integrator, so
     the error contracts for every phi > 0 (the claims ``increment_monotone`` and ``increment_weighted`` say where).
-    Measurement noise biases the estimate towards 1/l, above 4 phi, so that phi runs away and learning stalls: a
-    large mu (1e4 for a speed noise of 0.05 km/h) keeps it out. Increments also
-    amplify it in the plan: ``q_cutoff_hz`` passes the plan through a zero-phase low-pass filter.
-    ``phi_range`` holds the estimate between two ends, so that the learning gain has a least value too and the claim
-    ``learning_curve`` can bound how fast it learns.
+    ``phi_range`` holds the estimate between two ends, so that the learning gain has a least value and the claim
+    ``learning_curve`` can bound how fast it learns. Measurement noise biases the estimate towards 1/l, above 4 phi:
+    without ends phi runs away and learning stalls, unless a large mu (1e4 for a speed noise of 0.05 km/h) keeps it
+    out. Increments also amplify noise in the plan: ``q_cutoff_hz`` passes it through a zero-phase low-pass filter.
     """
 
     source: ClassVar[str] = "ours, after Jiao & Hou 2025, (13)-(15)"
