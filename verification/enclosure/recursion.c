@@ -4,9 +4,14 @@
    interval that holds its values and, by every coordinate that it depends on, one that holds its slopes. Compile
    without contraction of products and sums, and run in rounding to nearest with subnormal numbers. */
 
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
+
+#if !defined(FLT_EVAL_METHOD) || FLT_EVAL_METHOD != 0
+#error "doubles must be computed as doubles"
+#endif
 
 enum {
     INPUT, CONSTANT, ADD, SUB, MUL, DIV, NEG, INV, TWICE, SQ, SQRT, FABS, FMIN, FMAX, SIGN, FLOOR, CEIL, LT, LE, EQ,
@@ -15,8 +20,11 @@ enum {
 
 typedef struct { double lo, hi; } span;
 
-/* What is asked of the caller: an operation, the ends of its arguments; value, slopes by the arguments, fault. */
-typedef int (*asking)(int node, const double *arguments, double *answer);
+/* What is asked of the caller: an operation, the ends of its arguments; value, slopes by the arguments, and last
+   HOLDS where they do. Whoever comes back without an answer has said that nothing is known. */
+typedef void (*asking)(int node, const double *arguments, double *answer);
+enum { ANSWERS = 7 };
+#define HOLDS 1.0
 
 typedef struct {
     int nodes, coordinates, readings;
@@ -29,7 +37,7 @@ typedef struct {
 } program;
 
 static const double INF = INFINITY;
-static const span ALL = {-INFINITY, INFINITY}, NOTHING = {0.0, 0.0}, UNIT = {1.0, 1.0}, SHARE = {0.0, 1.0};
+static const span ALL = {-INFINITY, INFINITY}, NOTHING = {0.0, 0.0}, UNIT = {1.0, 1.0};
 
 static double above(double x) {
     int64_t bits;
@@ -79,12 +87,12 @@ static double product_up(double x, double y) {
 }
 static double quotient_down(double x, double y) {
     double q = x / y;
-    if (isnan(q)) return 0.0; /* both infinite: other corners bound the quotient */
+    if (x == 0 || isnan(q)) return 0.0; /* both infinite: the other end bounds the quotient */
     return q * y == x && product_error(q, y, x) == 0 ? q : below(q);
 }
 static double quotient_up(double x, double y) {
     double q = x / y;
-    if (isnan(q)) return 0.0;
+    if (x == 0 || isnan(q)) return 0.0;
     return q * y == x && product_error(q, y, x) == 0 ? q : above(q);
 }
 
@@ -118,11 +126,10 @@ static span mul(span x, span y) {
 static span over(span x, span y) { /* ALL where the divisor may be zero */
     span r;
     if (holds_zero(y)) return ALL;
-    r.lo = smaller(smaller(quotient_down(x.lo, y.lo), quotient_down(x.lo, y.hi)),
-                   smaller(quotient_down(x.hi, y.lo), quotient_down(x.hi, y.hi)));
-    r.hi = larger(larger(quotient_up(x.lo, y.lo), quotient_up(x.lo, y.hi)),
-                  larger(quotient_up(x.hi, y.lo), quotient_up(x.hi, y.hi)));
-    if (x.lo >= 0 && y.lo > 0 && !(r.lo >= 0)) r.lo = 0;
+    if (y.hi < 0) x = neg(x), y = neg(y);
+    r.lo = quotient_down(x.lo, x.lo >= 0 ? y.hi : y.lo);
+    r.hi = quotient_up(x.hi, x.hi >= 0 ? y.lo : y.hi);
+    if (x.lo >= 0 && !(r.lo >= 0)) r.lo = 0;
     return r;
 }
 
@@ -175,6 +182,17 @@ static span equal(span x, span y) { span r = {x.lo == y.hi && x.hi == y.lo, x.lo
 static span negation(span x) { span r = {1.0 - x.hi, 1.0 - x.lo}; return r; }
 static span signs(span x) { span r = {(x.lo > 0) - (x.lo < 0), (x.hi > 0) - (x.hi < 0)}; return r; }
 
+static span slope_of(const program *p, int node, int coordinate) {
+    return p->depends[node] >> coordinate & 1 ? p->slope[(size_t)node * p->coordinates + coordinate] : NOTHING;
+}
+/* A slope times the slope of what is made of it, which is mostly 0 or 1. */
+static span chained(span g, span by) {
+    if (by.lo == 1 && by.hi == 1) return g;
+    if ((by.lo == 0 && by.hi == 0) || (g.lo == 0 && g.hi == 0)) return NOTHING;
+    if (by.lo == -1 && by.hi == -1) return neg(g);
+    return known(g.lo == 1 && g.hi == 1 ? by : mul(g, by));
+}
+
 /* Evaluate some operations of a program, in order, on a box of coordinates and readings. */
 static void evaluate(const program *p, const int *list, int count, const span *box, const span *readings, int slopes) {
     int n = p->coordinates, at, i;
@@ -206,7 +224,8 @@ static void evaluate(const program *p, const int *list, int count, const span *b
         case MUL: v = mul(x, y), da = y, db = x; break;
         case DIV:
             bad = holds_zero(y), v = over(x, y);
-            if (slopes) da = over(UNIT, y), db = neg(over(v, y));
+            if (slopes && p->depends[a]) da = over(UNIT, y);
+            if (slopes && p->depends[b]) db = neg(over(v, y));
             break;
         case INV:
             bad = holds_zero(x), v = over(UNIT, x);
@@ -223,11 +242,18 @@ static void evaluate(const program *p, const int *list, int count, const span *b
             }
             break;
         case FABS: v = magnitude(x), da = signs(x); break;
-        case FMIN: case FMAX:
-            if (op == FMIN) v.lo = smaller(x.lo, y.lo), v.hi = smaller(x.hi, y.hi), da = less(x, y), db = less(y, x);
-            else v.lo = larger(x.lo, y.lo), v.hi = larger(x.hi, y.hi), da = less(y, x), db = less(x, y);
-            if (da.hi == 0 && db.hi == 0) da = db = SHARE;
+        case FMIN: case FMAX: { /* what is not decided has slopes between those of both */
+            span first = op == FMIN ? less(x, y) : less(y, x), second = op == FMIN ? less(y, x) : less(x, y);
+            if (op == FMIN) v.lo = smaller(x.lo, y.lo), v.hi = smaller(x.hi, y.hi);
+            else v.lo = larger(x.lo, y.lo), v.hi = larger(x.hi, y.hi);
+            if (slopes)
+                for (i = 0; i < n; i++)
+                    if (mask >> i & 1) {
+                        span gx = slope_of(p, a, i), gy = slope_of(p, b, i);
+                        out[i] = second.hi == 0 && first.hi ? gx : first.hi == 0 && second.hi ? gy : hull(gx, gy);
+                    }
             break;
+        }
         case SIGN: v = signs(x); break;
         case FLOOR: v.lo = floor(x.lo), v.hi = floor(x.hi); break;
         case CEIL: v.lo = ceil(x.lo), v.hi = ceil(x.hi); break;
@@ -258,26 +284,29 @@ static void evaluate(const program *p, const int *list, int count, const span *b
             if (op == SELECT && h.lo != 1) fault |= p->fault[c];
             v = h.lo == 1 ? y : h.hi == 0 ? z : hull(y, z);
             if (slopes)
-                for (i = 0; i < n; i++) {
-                    uint64_t bit = (uint64_t)1 << i;
-                    span gy = p->depends[b] & bit ? p->slope[(size_t)b * n + i] : NOTHING;
-                    span gz = op == SELECT && p->depends[c] & bit ? p->slope[(size_t)c * n + i] : NOTHING;
-                    if (!(mask & bit)) continue;
-                    if (h.lo == 1 || h.hi == 0) out[i] = h.lo == 1 ? gy : gz;
-                    else out[i] = p->depends[a] & bit ? ALL : hull(gy, gz);
-                }
+                for (i = 0; i < n; i++)
+                    if (mask >> i & 1) {
+                        span gy = slope_of(p, b, i), gz = op == SELECT ? slope_of(p, c, i) : NOTHING;
+                        if (h.lo == 1 || h.hi == 0) out[i] = h.lo == 1 ? gy : gz;
+                        else out[i] = p->depends[a] >> i & 1 ? ALL : hull(gy, gz);
+                    }
             break;
         }
-        case MEET:
+        case MEET: /* one quantity in two forms: along one coordinate the slopes of both hold */
             fault = p->fault[b], v = p->fault[a] ? y : meet(x, y);
             if (slopes)
                 for (i = 0; i < n; i++)
-                    if (mask >> i & 1) out[i] = p->depends[b] >> i & 1 ? p->slope[(size_t)b * n + i] : NOTHING;
+                    if (mask >> i & 1) {
+                        span gx = slope_of(p, a, i), gy = slope_of(p, b, i), both = meet(gx, gy);
+                        out[i] = p->fault[a] || both.lo > both.hi ? gy : both;
+                    }
             break;
         default: { /* ASKED */
-            double told[4] = {x.lo, x.hi, y.lo, y.hi}, answer[6];
+            double told[4] = {x.lo, x.hi, y.lo, y.hi}, answer[ANSWERS];
             if (fault) break;
-            bad = p->ask(k, told, answer);
+            for (i = 0; i < ANSWERS; i++) answer[i] = NAN;
+            p->ask(k, told, answer);
+            bad = answer[ANSWERS - 1] != HOLDS;
             v.lo = answer[0], v.hi = answer[1];
             da.lo = answer[2], da.hi = answer[3], db.lo = answer[4], db.hi = answer[5];
         }
@@ -288,14 +317,22 @@ static void evaluate(const program *p, const int *list, int count, const span *b
         fault |= bad;
         p->fault[k] = fault;
         p->value[k] = fault ? ALL : known(v);
-        if (!slopes || op == IF_ELSE_ZERO || op == SELECT || op == MEET) continue;
+        if (!slopes) continue;
+        if (fault) {
+            for (i = 0; i < n; i++)
+                if (mask >> i & 1) out[i] = ALL;
+            continue;
+        }
+        if (op == FMIN || op == FMAX || op == IF_ELSE_ZERO || op == SELECT || op == MEET) continue;
         da = known(da), db = known(db);
         for (i = 0; i < n; i++) {
             span g = NOTHING;
             if (!(mask >> i & 1)) continue;
-            if (fault) { out[i] = ALL; continue; }
-            if (p->depends[a] >> i & 1) g = known(mul(p->slope[(size_t)a * n + i], da));
-            if (b >= 0 && p->depends[b] >> i & 1) g = known(add(g, known(mul(p->slope[(size_t)b * n + i], db))));
+            if (p->depends[a] >> i & 1) g = chained(p->slope[(size_t)a * n + i], da);
+            if (b >= 0 && p->depends[b] >> i & 1) {
+                span h = chained(p->slope[(size_t)b * n + i], db);
+                g = p->depends[a] >> i & 1 ? known(add(g, h)) : h;
+            }
             out[i] = g;
         }
     }
@@ -371,6 +408,7 @@ static double end_of(const program *p, goal g, const span *box, const span *read
     bound[0] = first = sign * one_end(p, g, kept[0], readings, lower, &steep[0], &met, looked);
     best = sign * met;
     aim = NEAR * (best - first);
+    if (!isfinite(aim)) aim = 0; /* where nothing is known yet */
     while (count + 1 < parts && count + 1 < PARTS) {
         int made;
         for (i = 1, worst = 0; i < count; i++)
@@ -522,7 +560,7 @@ int carry(const program *p, const pass *q) {
                 to = add(mul(rest, u), mul(at[i], t));
                 q->after[k] = i ? hull(q->after[k], to) : to;
             }
-            if (share.hi <= 1) q->after[k] = meet(q->after[k], hull(u, t));
+            if (share.lo >= 0 && share.hi <= 1) q->after[k] = meet(q->after[k], hull(u, t));
         }
         box[in] = u;
         for (i = 0; i < nx; i++) {

@@ -9,11 +9,11 @@ they depend on the sample alone: those are tabulated once.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Literal, NamedTuple
+from threading import Lock
 
 import casadi as ca
 import numpy as np
@@ -23,6 +23,9 @@ from models.array import Array
 from models.plant import Plant
 from models.quantity import InvalidValue
 from verification.enclosure import outward
+from verification.enclosure.carried import ENDS
+from verification.enclosure.carried import Carried as Carried
+from verification.enclosure.carried import Question as Question
 from verification.enclosure.interval import PARTIAL, TOTAL, reason
 from verification.enclosure.outward import Span
 from verification.enclosure.rewriting import COVER, MEET, SELECT, Rewritten, rewritten
@@ -44,11 +47,7 @@ HIGHEST = 64  # powers up to this are made of products
 PARTS = 24
 """Most parts that a box is split into where a bound of it is not exact."""
 
-Ended = Literal["fine", "undefined", "unreached", "not rising", "gain", "unbounded"]
-ENDS: tuple[Ended, ...] = ("fine", "undefined", "unreached", "not rising", "gain", "unbounded")
-"""How a pass may end, in the order in which the C counts them."""
-
-_Asking = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_double))
+_Asking = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_double))
 _ints, _spans = ctypes.POINTER(ctypes.c_int), ctypes.c_void_p
 
 
@@ -75,58 +74,20 @@ class _Pass(ctypes.Structure):
     )  # fmt: skip
 
 
-class Carried(NamedTuple):
-    """Sets by sample; the last axis holds the lower and the upper end. Where a pass ended early, NaN from there on."""
-
-    x: Array
-    """States, (N + 1, states, 2)."""
-    y: Array
-    """Output, (N + 1, 2)."""
-    u: Array
-    """Inputs, (N, 2)."""
-    target: Array
-    """Inputs with which the learned signal gains what is wanted, from every state of the set, (N, 2)."""
-    slope: Array
-    """Slope of that gain by the input, (N, 2)."""
-    after: Array
-    """Where inputs that were given may be in the next trial, (N, 2)."""
-    ended: Ended
-    """``fine``, or why it ended."""
-    sample: int
-    """The sample at which it ended; -1 where it did not."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Question:
-    """What a pass is asked about; rows are samples, the last axis holds the lower and the upper end."""
-
-    start: Array
-    """States with which trials begin, (states, 2)."""
-    disturbance: Array
-    """(N, disturbances, 2)."""
-    parameters: Array
-    """(parameters, 2)."""
-    wanted: Array
-    """What the learned signal should gain at a sample, widened by noise, (N, 2)."""
-    plan: Array
-    """First plan, or the inputs that are given, (N, 2)."""
-    most_gain: float
-    """The largest learning gain."""
-    moves: Array | None = None
-    """Learning gains of a trial whose inputs are given, (N, 2); None: what every trial may meet is asked for."""
-    jolt: Array | None = None
-    """What a sample may add to a state besides, such as rounding, (states,)."""
-
-
 class Recursion:
     """One plant with one input and one output, made ready to carry sets through N samples.
 
     ``parameters`` are symbols in the plant's equations. Raises InvalidValue where the plant is no graph, has an
-    operation without a rule, or too many signals.
+    operation without a rule, another number of inputs or outputs, or too many signals. Threads take turns.
     """
 
     def __init__(self, plant: Plant, samples: int, parameters: Sequence[ca.SX] = ()) -> None:
         self.plant, self.samples = plant, samples
+        if samples < 1:
+            raise InvalidValue(f"samples must be at least 1, got {samples}")
+        for what, names in (("input", plant.inputs), ("output", plant.outputs)):
+            if len(names) != 1:
+                raise InvalidValue(f"sets are carried for plants with one {what}, got {len(names)}")
         at = plant.symbols()
         x_next, y = plant.next_state(**at), plant.measured(at["x"])
         after = ca.substitute(plant.measured(at["x"]), at["x"], x_next)
@@ -147,6 +108,8 @@ class Recursion:
         if self.width > MOST:
             raise InvalidValue(f"states, disturbances and parameters must be at most {MOST - 2}, got {self.width - 2}")
         self._k = self.width - 2
+        self._turn = Lock()
+        self._trouble: BaseException | None = None
         self.read = self._tabulated(graph)
         self._make()
 
@@ -212,9 +175,18 @@ class Recursion:
         ]
         self._table = np.ascontiguousarray(np.stack([self.read.lower.T, self.read.upper.T], axis=-1))
 
-    def _answer(self, node: int, told: ctypes.Array[ctypes.c_double], answer: ctypes.Array[ctypes.c_double]) -> int:
-        """Enclose an operation that is no arithmetic, and its slopes."""
-        name, count = self._asked[node]
+    def _answer(self, node: int, told: ctypes.Array[ctypes.c_double], answer: ctypes.Array[ctypes.c_double]) -> None:
+        """Enclose an operation that is no arithmetic, and its slopes; what goes wrong is raised when the C is done."""
+        if self._trouble is not None:
+            return
+        try:
+            self._enclosed(*self._asked[node], told, answer)
+        except BaseException as error:
+            self._trouble = error
+
+    def _enclosed(
+        self, name: str, count: int, told: ctypes.Array[ctypes.c_double], answer: ctypes.Array[ctypes.c_double]
+    ) -> None:
         spans = [Span(np.array([told[2 * i]]), np.array([told[2 * i + 1]])) for i in range(count)]
         bad = False
         with np.errstate(all="ignore"):
@@ -226,14 +198,25 @@ class Recursion:
             by = partials(name, value, *spans)
         for i, one in enumerate((value, *by)):
             answer[2 * i], answer[2 * i + 1] = float(one.lo.ravel()[0]), float(one.hi.ravel()[0])
-        return int(bad)
+        answer[6] = float(not bad)
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Let one thread at a time use what the C writes on, and raise what went wrong while it asked."""
+        if not outward.arithmetic_is_ieee():
+            raise InvalidValue("this process must round to nearest and keep subnormals for its sets to be rigorous")
+        with self._turn:
+            self._trouble = None
+            yield
+            if self._trouble is not None:
+                raise self._trouble
 
     def _boxes(self, question: Question) -> Array:
         """Return the ranges of all coordinates but states and input, by sample, (N + 1, coordinates, 2)."""
         n, nx, nw = self.samples, self.states, self.disturbances
         fixed = np.zeros((n + 1, self.width, 2))
         fixed[:n, nx : nx + nw] = question.disturbance
-        fixed[n, nx : nx + nw] = question.disturbance[-1] if n else 0.0
+        fixed[n, nx : nx + nw] = question.disturbance[-1]
         fixed[:, nx + nw : nx + nw + self.parameters] = question.parameters
         fixed[:, self._k] = np.arange(n + 1.0)[:, None]
         return fixed
@@ -241,6 +224,7 @@ class Recursion:
     def carry(self, question: Question) -> Carried:
         """Carry the set of states through all samples."""
         n, nx = self.samples, self.states
+        question.fits(n, nx, self.disturbances, self.parameters)
         x, y = np.full((n + 1, nx, 2), np.nan), np.full((n + 1, 2), np.nan)
         u, target, slope, after = (np.full((n, 2), np.nan) for _ in range(4))
         failed, given = ctypes.c_int(-1), question.moves is not None
@@ -255,7 +239,8 @@ class Recursion:
             n, nx, self.width - 1, int(given), PARTS, goals, self._goals[nx], self._goals[nx + 1], question.most_gain,
             *(one.ctypes.data for one in (*arrays, x, y, u, target, slope, after)), ctypes.pointer(failed),
         )  # fmt: skip
-        ended = ENDS[_c().carry(ctypes.byref(self._program), ctypes.byref(asked))]
+        with self._alone():
+            ended = ENDS[_c().carry(ctypes.byref(self._program), ctypes.byref(asked))]
         return Carried(x, y, u, target, slope, after, ended, int(failed.value))
 
     def enclose(self, goal: int, boxes: Array, samples: NDArray[np.int64], parts: int = 1) -> tuple[Array, Array]:
@@ -264,10 +249,11 @@ class Recursion:
         given = np.ascontiguousarray(boxes, dtype=np.float64)
         table = np.ascontiguousarray(self._table[samples])
         values, slopes = np.zeros((count, 2)), np.zeros((count, self.width, 2))
-        _c().enclose(
-            ctypes.byref(self._program), ctypes.byref(self._goals[goal]), count, given.ctypes.data, table.ctypes.data,
-            parts, values.ctypes.data, slopes.ctypes.data,
-        )  # fmt: skip
+        with self._alone():
+            _c().enclose(
+                ctypes.byref(self._program), ctypes.byref(self._goals[goal]), count, given.ctypes.data,
+                table.ctypes.data, parts, values.ctypes.data, slopes.ctypes.data,
+            )  # fmt: skip
         return values, slopes
 
 
@@ -277,8 +263,6 @@ def _c() -> ctypes.CDLL:
     found = library("recursion", source)
     if found is None:
         raise InvalidValue("sets are carried by machine code: a C compiler is needed (set CC to one)")
-    if not outward.arithmetic_is_ieee():
-        raise InvalidValue("this process must round to nearest and keep subnormals for its sets to be rigorous")
     loaded = ctypes.CDLL(str(found))
     loaded.enclose.argtypes = [
         ctypes.c_void_p,
