@@ -325,7 +325,7 @@ static void evaluate(const program *p, const int *list, int count, const span *b
         }
         if (op == FMIN || op == FMAX || op == IF_ELSE_ZERO || op == SELECT || op == MEET) continue;
         da = known(da), db = known(db);
-        for (i = 0; i < n; i++) {
+        for (i = 0; mask >> i; i++) {
             span g = NOTHING;
             if (!(mask >> i & 1)) continue;
             if (p->depends[a] >> i & 1) g = chained(p->slope[(size_t)a * n + i], da);
@@ -345,11 +345,31 @@ typedef struct { int node, count; const int *list; } goal;
 
 static int bounded(span x) { return isfinite(x.lo) && isfinite(x.hi); }
 
+/* Where to cut a box along a coordinate that costs: the kink nearest to the middle that this coordinate alone crosses,
+   else the middle. ``held`` was evaluated last, or holds what was. Any place is as right as another. */
+static double cut_of(const program *p, goal g, const span *held, int by) {
+    double middle = held[by].lo / 2 + held[by].hi / 2, best = middle, nearest = INF;
+    int at;
+    for (at = 0; at < g.count; at++) {
+        int k = g.list[at], op = p->op[k], a = p->a[k], b = p->b[k];
+        span d, s;
+        double rate, kink;
+        if ((op != FMIN && op != FMAX && op != FABS) || p->depends[k] != (uint64_t)1 << by || p->fault[k]) continue;
+        d = op == FABS ? p->value[a] : sub(p->value[a], p->value[b]);
+        s = op == FABS ? slope_of(p, a, by) : sub(slope_of(p, a, by), slope_of(p, b, by));
+        rate = s.lo / 2 + s.hi / 2;
+        kink = (rate > 0 ? held[by].lo : held[by].hi) - d.lo / rate;
+        if (kink > held[by].lo && kink < held[by].hi && fabs(kink - middle) < nearest)
+            nearest = fabs(kink - middle), best = kink;
+    }
+    return best;
+}
+
 /* One end of a goal on a box, kept in ``held``: plain, with monotone coordinates held at their better ends, and by the
    mean value. ``steep`` gets the coordinate that costs most, -1 where none does; ``met`` a value that is taken, rounded
    to the unfavourable side. ``looked`` says that the box was evaluated last, with slopes. */
-static double one_end(const program *p, goal g, span *held, const span *readings, int lower, int *steep, double *met,
-                      int looked) {
+static double one_end(const program *p, goal g, span *held, const span *readings, int lower, int *steep, double *cut,
+                      double *met, int looked) {
     span slope[MOST], mid[MOST], change;
     int n = p->coordinates, i, round, moved = 1, sloped = 1;
     uint64_t on = p->depends[g.node];
@@ -379,6 +399,7 @@ static double one_end(const program *p, goal g, span *held, const span *readings
         if (cost > worst) worst = cost, *steep = i;
         mid[i].lo = mid[i].hi = smaller(held[i].hi, larger(held[i].lo, held[i].lo / 2 + held[i].hi / 2));
     }
+    if (*steep >= 0) *cut = cut_of(p, g, held, *steep);
     if (sloped && !moved && *steep < 0 && !p->fault[g.node]) { /* what was looked at last is one point, or no wider */
         *met = lower ? p->value[g.node].hi : p->value[g.node].lo;
         return best;
@@ -401,11 +422,11 @@ static double one_end(const program *p, goal g, span *held, const span *readings
 static double end_of(const program *p, goal g, const span *box, const span *readings, int lower, int parts,
                      int looked) {
     static _Thread_local span kept[PARTS][MOST];
-    double bound[PARTS], first, met, sign = lower ? 1 : -1, best, aim;
+    double bound[PARTS], cut[PARTS], first, met, sign = lower ? 1 : -1, best, aim;
     int n = p->coordinates, steep[PARTS], count = 1, i, worst;
     size_t size = n * sizeof(span);
     memcpy(kept[0], box, size);
-    bound[0] = first = sign * one_end(p, g, kept[0], readings, lower, &steep[0], &met, looked);
+    bound[0] = first = sign * one_end(p, g, kept[0], readings, lower, &steep[0], &cut[0], &met, looked);
     best = sign * met;
     aim = NEAR * (best - first);
     if (!isfinite(aim)) aim = 0; /* where nothing is known yet */
@@ -416,12 +437,12 @@ static double end_of(const program *p, goal g, const span *box, const span *read
         if (!(bound[worst] < best - aim) || steep[worst] < 0) break;
         i = steep[worst];
         memcpy(kept[count], kept[worst], size);
-        met = kept[worst][i].lo / 2 + kept[worst][i].hi / 2;
+        met = cut[worst];
         if (!(met > kept[worst][i].lo && met < kept[worst][i].hi)) break;
         kept[worst][i].hi = kept[count][i].lo = met;
         first = bound[worst];
         for (made = worst, i = 0; i < 2; i++, made = count) {
-            double found = sign * one_end(p, g, kept[made], readings, lower, &steep[made], &met, 0);
+            double found = sign * one_end(p, g, kept[made], readings, lower, &steep[made], &cut[made], &met, 0);
             bound[made] = larger(first, found);
             best = smaller(best, sign * met);
         }
