@@ -14,6 +14,7 @@ from models.quantity import declared as declared
 from models.quantity import given as given
 from models.quantity import part as part
 from models.quantity import quantity as quantity
+from models.quantity import ranges as ranges
 from models.quantity import switch as switch
 from models.quantity import table as table
 
@@ -32,6 +33,7 @@ __all__ = [
     "given",
     "part",
     "quantity",
+    "ranges",
     "signal",
     "signals",
     "switch",

@@ -1,7 +1,8 @@
 """Fields that carry their unit, description and range, and the frozen declarations made of them.
 
 A plant, a law, a study: each is a frozen, keyword-only dataclass made with :func:`declared`. Its fields are
-numbers with a unit (:func:`quantity`), choices (:func:`choice`) or further declarations (:func:`part`). An
+numbers with a unit (:func:`quantity`), choices (:func:`choice`), ranges by name (:func:`ranges`) or further
+declarations (:func:`part`). An
 object that exists is valid: every range is checked when it is made. A float quantity may also be a CasADi
 symbol, which is how the sensitivity to it is found (:func:`symbolised`).
 """
@@ -11,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Generic, Literal, NamedTuple, SupportsFloat, TypeVar, cast, dataclass_transform
 
@@ -21,6 +22,7 @@ import numpy as np
 from models.errors import InvalidValue as InvalidValue
 from models.expression import Expression
 from models.plain_text import check_plain
+from models.tables import ranges_of, row_of, said
 
 T = TypeVar("T")
 Symbolic = (ca.SX, ca.MX, ca.DM)
@@ -43,7 +45,7 @@ class Quantity:
 
     unit: str
     doc: str
-    kind: Literal["number", "count", "switch", "choice", "table", "part", "given"]
+    kind: Literal["number", "count", "switch", "choice", "table", "ranges", "part", "given"]
     above: float = -math.inf
     least: float = -math.inf
     below: float = math.inf
@@ -53,6 +55,8 @@ class Quantity:
     inline: bool = False
     rows: bool = False
     """Whether a number may be given as one for each of several, too."""
+    open_ends: bool = False
+    """Whether one end of a range may be None."""
     choices: Mapping[str, object] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -70,6 +74,8 @@ class Quantity:
             return ""
         if self.kind == "table":
             return "a row of numbers" + (" or null" if self.optional else "")
+        if self.kind == "ranges":
+            return "pairs [low, high] by name" + (", an end may be null" if self.open_ends else "")
         low, opening = (self.above, "(") if self.above >= self.least else (self.least, "[")
         high, closing = (self.below, ")") if self.below <= self.most else (self.most, "]")
         opening = "(" if low == -math.inf else opening
@@ -161,6 +167,11 @@ def table(*, default: T | _Required = _Required.VALUE, unit: str, doc: str, opti
     return _field(Quantity(unit=unit, doc=doc, kind="table", structural=True, optional=optional), default)
 
 
+def ranges(*, default: T | _Required = _Required.VALUE, doc: str, open_ends: bool = False) -> T:
+    """Declare a mapping from names to pairs (low, high), which is set as a whole; ``open_ends`` admits None for one."""
+    return _field(Quantity(unit="", doc=doc, kind="ranges", structural=True, open_ends=open_ends), default)
+
+
 def part(*, default: T | _Required = _Required.VALUE, doc: str, inline: bool = False) -> T:
     """Declare a field that is itself a declaration, or a mapping from names to declarations.
 
@@ -184,7 +195,9 @@ class Declaration:
 
 
 @dataclass_transform(
-    frozen_default=True, kw_only_default=True, field_specifiers=(quantity, count, switch, choice, table, part, given)
+    frozen_default=True,
+    kw_only_default=True,
+    field_specifiers=(quantity, count, switch, choice, table, ranges, part, given),
 )
 def declared(cls: type[T]) -> type[T]:
     """Make a frozen, keyword-only dataclass whose ranges are checked when an object is made.
@@ -225,12 +238,14 @@ def _admitted(name: str, value: object, spec: Quantity) -> object:
         return _chosen(name, value, spec)
     if spec.kind == "switch":
         if not isinstance(value, bool):
-            raise InvalidValue(f"{name} must be true or false, got {_shown(value)}")
+            raise InvalidValue(f"{name} must be true or false, got {said(value)}")
         return value
     if spec.kind in ("part", "given"):
         return MappingProxyType(dict(value)) if isinstance(value, Mapping) else value
     if spec.kind == "table":
-        return _row(name, value, spec)
+        return row_of(name, value)
+    if spec.kind == "ranges":
+        return ranges_of(name, value, open_ends=spec.open_ends)
     if spec.rows and (isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim == 1)):
         if not len(value):
             raise InvalidValue(f"{name} must be a number in {spec.range()}, got an empty row")
@@ -241,46 +256,29 @@ def _admitted(name: str, value: object, spec: Quantity) -> object:
             raise InvalidValue(f"{name} shapes the equations: give a number, not a symbol")
         return value
     if isinstance(value, bool) or not isinstance(value, SupportsFloat):
-        raise InvalidValue(f"{name} must be a number in {spec.range()}, got {_shown(value)}")
+        raise InvalidValue(f"{name} must be a number in {spec.range()}, got {said(value)}")
     try:
         number = float(value)
-    except (TypeError, ValueError):  # an array
-        raise InvalidValue(f"{name} must be a number in {spec.range()}, got {_shown(value)}") from None
+    except (TypeError, ValueError, OverflowError):  # an array, or a whole number beyond all doubles
+        raise InvalidValue(f"{name} must be a number in {spec.range()}, got {said(value)}") from None
     if not math.isfinite(number):
-        raise InvalidValue(f"{name} must be a finite number in {spec.range()}, got {_shown(value)}")
+        raise InvalidValue(f"{name} must be a finite number in {spec.range()}, got {said(value)}")
     if not spec.admits(number):
         unit = f" {spec.unit}" if spec.unit not in ("", "1") else ""
-        raise InvalidValue(f"{name} must lie in {spec.range()}{unit}, got {_shown(value)}")
+        raise InvalidValue(f"{name} must lie in {spec.range()}{unit}, got {said(value)}")
     if spec.kind == "count":
         if number != int(number):
-            raise InvalidValue(f"{name} must be a whole number in {spec.range()}, got {_shown(value)}")
+            raise InvalidValue(f"{name} must be a whole number in {spec.range()}, got {said(value)}")
         return int(number)
     return number
-
-
-def _shown(value: object) -> str:
-    """Return what came, in one line."""
-    return " ".join(repr(value).split())
 
 
 def _chosen(name: str, value: object, spec: Quantity) -> object:
     if isinstance(value, str) and value in spec.choices:
         return spec.choices[value]
     if isinstance(value, str) or not isinstance(value, tuple(type(option) for option in spec.choices.values())):
-        raise InvalidValue(f"{name} must be one of {spec.range()}, got {_shown(value)}")
+        raise InvalidValue(f"{name} must be one of {spec.range()}, got {said(value)}")
     return value
-
-
-def _row(name: str, value: object, spec: Quantity) -> tuple[float, ...]:
-    try:
-        if not isinstance(value, Iterable):
-            raise TypeError
-        numbers = tuple(float(entry) for entry in value)
-    except (TypeError, ValueError):
-        raise InvalidValue(f"{name} must be a row of numbers, got {_shown(value)}") from None
-    if not all(math.isfinite(entry) for entry in numbers):
-        raise InvalidValue(f"{name} must hold finite numbers only, got one that is not")
-    return numbers
 
 
 def quantities(thing: object) -> Iterator[tuple[str, Quantity, object]]:
@@ -348,7 +346,9 @@ def rebuilt(thing: T, changes: Mapping[str, object], prefix: str = "") -> T:
         within = {name: _changed(thing.get(name), change, f"{prefix}{name}.") for name, change in changes.items()}
         return cast(T, {**thing, **within})
     made = {
-        name: _changed(value, changes[name], prefix if spec.inline else f"{prefix}{name}.")
+        name: changes[name]
+        if spec.kind == "ranges"
+        else _changed(value, changes[name], prefix if spec.inline else f"{prefix}{name}.")
         for name, spec, value in quantities(thing)
         if name in changes
     }

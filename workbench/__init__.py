@@ -7,11 +7,12 @@ _HOME = {
     "Law": "workbench.contracts.law",
     "TrialLength": "workbench.contracts.trial_length",
     "Study": "workbench.contracts.study",
+    "Verification": "workbench.contracts.verifying",
     "__version__": "workbench.distribution",
     "load": "workbench.trials.campaign",
     "run": "workbench.trials.campaign",
 }
-__all__ = ["Campaign", "Law", "Study", "TrialLength", "load", "run"]
+__all__ = ["Campaign", "Law", "Study", "TrialLength", "Verification", "load", "run"]
 _REPLACED = {"TrialStudy": "Study"}
 
 

@@ -301,7 +301,8 @@ def _print_lines(lines: Iterable[str]) -> None:
 
 def _said(value: object) -> str:
     """Return what a case sets, in a few words."""
-    return json.dumps(value) if isinstance(value, (bool, int, float, str, list, tuple)) else str(value)
+    plain = isinstance(value, (bool, int, float, str, list, tuple, dict))
+    return json.dumps(value, default=str) if plain else str(value)
 
 
 def _short(value: float | None) -> str:

@@ -5,6 +5,7 @@ D-type ILC; patent of NJIT (2017).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import partial
 
@@ -49,6 +50,11 @@ class Start(Initial):
     def repeats(self) -> bool:
         """Whether every trial begins in the same state."""
         return self.trial_sigma == 0
+
+    def bound(self, plant: Plant) -> Array:
+        """Return the offsets, infinite bounds where something is drawn."""
+        widest = math.inf if self.random_sigma or self.trial_sigma else 0.0
+        return np.array([[self.position - widest, self.position + widest], [self.speed - widest, self.speed + widest]])
 
 
 def figures(study: Study, data: xr.Dataset) -> Mapping[str, Draw]:

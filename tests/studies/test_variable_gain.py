@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from models.quantity import InvalidValue
-from studies.variable_gain.study import STUDY
+from studies.variable_gain.study import STUDY, Start
 from workbench.contracts import settings
 from workbench.trials.campaign import run
 
@@ -173,3 +173,16 @@ def test_a_smoothing_that_is_too_short_is_refused_for_that_law():
 def test_every_figure_draws(tmp_path):
     campaign("trials=3").save(tmp_path)
     assert len(list((tmp_path / "figures").glob("*.png"))) == 8
+
+
+@pytest.mark.parametrize(
+    ("fields", "bound"),
+    [
+        ({}, [[0.8, 0.8], [0.3, 0.3]]),
+        ({"position": -1.0, "speed": 0.0}, [[-1.0, -1.0], [0.0, 0.0]]),
+        ({"random_sigma": 0.1}, [[-math.inf, math.inf]] * 2),
+        ({"trial_sigma": 0.1}, [[-math.inf, math.inf]] * 2),
+    ],
+)
+def test_starts_are_bounded_where_nothing_is_drawn(fields, bound):
+    assert Start(**fields).bound(STUDY.plant).tolist() == bound

@@ -95,6 +95,17 @@ def test_list_and_show(tmp_path):
     assert wanted <= keys
     mass = next(line for line in shown.stdout.splitlines() if line.startswith("plant.mass"))
     assert "350000" in mass and "kg" in mass and "(0, ∞)" in mass
+    assert {"verify.scope", "verify.limits"} <= keys
+
+
+def test_what_proofs_are_stated_for_is_set_in_json_and_recorded(tmp_path):
+    scope, limits = {"plant.mass": [280e3, 420e3]}, {"speed": [None, 72.1]}
+    settings = ["--set", f"verify.scope={json.dumps(scope)}", "--set", f"verify.limits={json.dumps(limits)}"]
+    done = workbench("run", "metro", "--set", "trials=2", *settings, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    loaded = load(tmp_path / "out" / "metro")
+    assert loaded.settings["verify"] == {"scope": scope, "limits": limits}
+    assert dict(loaded.study.verify.scope) == {"plant.mass": (280e3, 420e3)}
 
 
 def test_a_users_own_file(tmp_path):
@@ -126,6 +137,13 @@ def test_without_a_compiler_it_runs_and_says_so_once(tmp_path):
         (["metro", "--set", "plant.mass=-1"], ["plant.mass must lie in (0, ∞) kg, got -1"]),
         (["metro", "--set", "controllers.icfdl.rho=1.4"], ["controllers.icfdl.rho must lie in (0, 1], got 1.4"]),
         (["metro", "--set", "trials=abc"], ["trials must be a number in [1, 100000], got 'abc'"]),
+        (
+            ["metro", "--set", 'verify.scope={"plant.mas": [280e3, 420e3]}'],
+            ["which there is not; did you mean plant.mass"],
+        ),
+        (["metro", "--set", 'verify.scope={"plant.mass": [420e3, 280e3]}'], ["low at most high for 'plant.mass'"]),
+        (["metro", "--set", 'verify.limits={"speed": [null, null]}'], ["one of which may be null, for 'speed'"]),
+        (["metro", "--set", f"seed={10**400}"], ["seed must be a number in [0"]),
         (["metro", "--set", "trials=1e30"], ["trials must lie in [1, 100000]"]),
         (["metro", "--set", "trial_length.minimum=3000"], ["below the horizon of 2000 samples, got 3000"]),
         (["metro", "--seed", "-1"], ["seed must lie in"]),

@@ -58,12 +58,14 @@ class Form(NamedTuple):
         return frozenset(self.terms.items())
 
 
-def _number(value: Fraction | float) -> Form:
+def number(value: Fraction | float) -> Form:
+    """Return a number."""
     exact = Fraction(value)
     return Form({(): exact} if exact else {})
 
 
-def _sum(a: Form, b: Form) -> Form:
+def total(a: Form, b: Form) -> Form:
+    """Return a sum."""
     terms = dict(a.terms)
     for powers, coefficient in b.terms.items():
         terms[powers] = terms.get(powers, Fraction(0)) + coefficient
@@ -77,7 +79,8 @@ def _times(a: Powers, b: Powers) -> Powers:
     return tuple(sorted((variable, power) for variable, power in together.items() if power))
 
 
-def _product(a: Form, b: Form) -> Form:
+def product(a: Form, b: Form) -> Form:
+    """Return a product, multiplied out."""
     terms: dict[Powers, Fraction] = {}
     for left, c in a.terms.items():
         for right, d in b.terms.items():
@@ -86,22 +89,26 @@ def _product(a: Form, b: Form) -> Form:
     return Form({powers: one for powers, one in terms.items() if one})
 
 
-def _negative(a: Form) -> Form:
+def negative(a: Form) -> Form:
+    """Return a form with its sign turned."""
     return Form({powers: -one for powers, one in a.terms.items()})
 
 
 @dataclass
-class _Variables:
+class Variables:
     """The variables of one normal form: the coordinates first, then what is no polynomial in them."""
 
     count: int
     known: dict[tuple[object, ...], int] = field(default_factory=dict)
+    meant: dict[int, tuple[object, tuple[Form, ...]]] = field(default_factory=dict)
+    """What each variable that is no coordinate stands for: an operation and its arguments."""
 
     def opaque(self, op: object, *arguments: Form) -> Form:
         """Return the variable that stands for an operation on arguments."""
         key = (op, *(one.key for one in arguments))
         if key not in self.known:
             self.known[key] = self.count
+            self.meant[self.count] = op, arguments
             self.count += 1
         return Form({((self.known[key], 1),): Fraction(1)})
 
@@ -114,12 +121,12 @@ class _Variables:
 
     def power(self, a: Form, exponent: Form) -> Form:
         """Return a to a power: multiplied out where that is a small whole number, else a variable."""
-        number = exponent.constant
-        if number is None or number.denominator != 1 or not 0 <= number <= 8:
+        whole = exponent.constant
+        if whole is None or whole.denominator != 1 or not 0 <= whole <= 8:
             return self.opaque("pow", a, exponent)
-        result = _number(1)
-        for _ in range(int(number)):
-            result = _product(result, a)
+        result = number(1)
+        for _ in range(int(whole)):
+            result = product(result, a)
         return result
 
     def operation(self, op: str) -> Callable[..., Form]:  # of as many arguments as the operation has
@@ -128,10 +135,10 @@ class _Variables:
 
         def made(*arguments: Form) -> Form:
             numbers = [one.constant for one in arguments]
-            if exact is not None and all(number is not None for number in numbers):
-                return _number(exact(*numbers))
+            if exact is not None and all(one is not None for one in numbers):
+                return number(exact(*numbers))
             if op == "if_else_zero" and numbers[0] is not None:
-                return arguments[1] if numbers[0] else _number(0)
+                return arguments[1] if numbers[0] else number(0)
             return self.opaque(op, *arguments)
 
         return made
@@ -141,20 +148,20 @@ class _Variables:
         """What a graph's operations mean in normal forms."""
         own: dict[str, Callable[..., Form]] = {
             "assign": lambda a: a,
-            "add": _sum,
-            "sub": lambda a, b: _sum(a, _negative(b)),
-            "mul": _product,
-            "neg": _negative,
-            "twice": lambda a: _product(_number(2), a),
-            "sq": lambda a: _product(a, a),
-            "div": lambda a, b: _product(a, self.inverse(b)),
+            "add": total,
+            "sub": lambda a, b: total(a, negative(b)),
+            "mul": product,
+            "neg": negative,
+            "twice": lambda a: product(number(2), a),
+            "sq": lambda a: product(a, a),
+            "div": lambda a, b: product(a, self.inverse(b)),
             "inv": self.inverse,
             "pow": self.power,
             "constpow": self.power,
         }
         return Arithmetic(
             operations=MappingProxyType({op: own.get(op) or self.operation(op) for op in OPERATIONS}),
-            constant=_number,
+            constant=number,
             lookup=self._table,
         )
 
@@ -170,12 +177,12 @@ def forms(function: ca.Function | Graph) -> dict[str, list[list[Form]]]:
     graph = function if isinstance(function, Graph) else read(function)
     if not all(math.isfinite(node.value) for node in graph.nodes):
         raise ValueError(f"{graph.name} must be made of finite numbers to be exact")
-    variables = _Variables(graph.coordinates)
+    variables = Variables(graph.coordinates)
     coordinates = [Form({((i, 1),): Fraction(1)}) for i in range(graph.coordinates)]
     values = evaluate(graph, coordinates, variables.arithmetic)
     found = {}
     for result in graph.outputs:
-        rows = [[_number(0)] * result.shape[1] for _ in range(result.shape[0])]
+        rows = [[number(0)] * result.shape[1] for _ in range(result.shape[0])]
         for entry in result.entries:
             rows[entry.row][entry.column] = values[entry.node]
         found[result.name] = rows

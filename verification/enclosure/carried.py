@@ -54,6 +54,8 @@ class Question:
     """The largest learning gain."""
     moves: Array | None = None
     """Learning gains of a trial whose inputs are given, (N, 2); None: what every trial may meet is asked for."""
+    settled: bool = False
+    """Whether to ask where inputs end up when trials go on without end, in place of where they may ever be."""
     jolt: Array | None = None
     """What a sample may add to a state besides, such as rounding, (states,)."""
 

@@ -26,8 +26,12 @@ typedef void (*asking)(int node, const double *arguments, double *answer);
 enum { ANSWERS = 7 };
 #define HOLDS 1.0
 
+/* What a goal of a program takes: its node, and the operations that it needs, in order. */
+typedef struct { int node, count; const int *list; } goal;
+
 typedef struct {
-    int nodes, coordinates, readings;
+    int nodes, coordinates, readings, inner;
+    const goal *within;             /* functions of one coordinate, whose ranges are the last coordinates of a box */
     const int *op, *a, *b, *c;      /* operation and arguments by node */
     const span *number;             /* of a constant; of a power its exponent */
     const uint64_t *depends;        /* by node: the coordinates that it depends on */
@@ -338,9 +342,6 @@ static void evaluate(const program *p, const int *list, int count, const span *b
     }
 }
 
-/* What a goal of a program takes: its node, and the operations that it needs, in order. */
-typedef struct { int node, count; const int *list; } goal;
-
 #define MOST 64
 
 static int bounded(span x) { return isfinite(x.lo) && isfinite(x.hi); }
@@ -461,6 +462,13 @@ static span both_ends(const program *p, goal g, const span *box, const span *rea
     return r;
 }
 
+/* Set the last coordinates of a box to the ranges of what they stand for. */
+static void fill(const program *p, span *box, const span *readings) {
+    int i;
+    for (i = 0; i < p->inner; i++)
+        box[p->coordinates - p->inner + i] = both_ends(p, p->within[i], box, readings, PARTS);
+}
+
 /* The slope of a goal by one coordinate on a box. */
 static span slope_by(const program *p, goal g, const span *box, const span *readings, int by) {
     evaluate(p, g.list, g.count, box, readings, 1);
@@ -470,9 +478,13 @@ static span slope_by(const program *p, goal g, const span *box, const span *read
 
 enum { FINE, UNDEFINED, UNREACHED, NOT_RISING, GAIN, UNBOUNDED };
 
+/* What becomes of the inputs: they are what every trial may meet, they are given and move on, or trials have ended up
+   where learning leads them. */
+enum { LEARNING, GIVEN, SETTLED };
+
 /* A plant's numbers and the sets of a pass; rows are signals, columns samples. */
 typedef struct {
-    int samples, states, input, given, parts;
+    int samples, states, input, mode, parts;
     const goal *next;            /* of every state */
     goal gained, output;         /* the learned signal's gain in a sample; the output */
     double most_gain;            /* l_max */
@@ -543,6 +555,7 @@ int carry(const program *p, const pass *q) {
         box[in] = q->plan[k < q->samples ? k : q->samples - 1];
         for (i = 0; i < nx; i++)
             if (!bounded(box[i])) return UNBOUNDED;
+        fill(p, box, readings);
         q->y[k] = both_ends(p, q->output, box, readings, q->parts);
         if (!bounded(q->y[k])) return UNDEFINED;
         if (k == q->samples) break;
@@ -550,28 +563,28 @@ int carry(const program *p, const pass *q) {
         if (code != FINE) return code;
         t.lo = below(t.lo), t.hi = above(t.hi);
         q->target[k] = t;
-        u = q->given ? q->plan[k] : hull(q->plan[k], t);
+        u = q->mode == GIVEN ? q->plan[k] : q->mode == SETTLED ? t : hull(q->plan[k], t);
         for (tries = 0;; tries++) {
             region = box[in] = hull(u, t);
-            b = slope_by(p, q->gained, box, readings, in);
+            q->slope[k] = b = slope_by(p, q->gained, box, readings, in);
             if (!bounded(b)) return UNDEFINED;
             if (!(b.lo > 0)) return NOT_RISING;
             reach = product_up(q->most_gain, b.hi);
-            if (reach <= 1 || q->given) break;
+            if (reach <= 1 || q->mode == GIVEN) break;
             if (reach >= 2 || tries == 20) return GAIN;
             { /* beyond 1 an input may overshoot its target, by less than it was off */
                 double m = middle(t), w = larger(sum_up(t.hi, -m), sum_up(m, -t.lo)), far, share;
                 share = product_up(w, quotient_up(reach, sum_down(2, -reach)));
-                far = larger(larger(sum_up(q->plan[k].hi, -m), sum_up(m, -q->plan[k].lo)), share);
-                far = larger(far, w);
+                far = larger(share, w);
+                if (q->mode == LEARNING)
+                    far = larger(far, larger(sum_up(q->plan[k].hi, -m), sum_up(m, -q->plan[k].lo)));
                 u.lo = sum_down(m, -far), u.hi = sum_up(m, far);
                 if (u.lo >= region.lo && u.hi <= region.hi) break;
                 u = hull(u, region);
             }
         }
-        q->slope[k] = b;
         q->u[k] = u;
-        if (q->given) {
+        if (q->mode == GIVEN) {
             span share = q->moves[k], rest, at[2], to;
             share = mul(share, b);
             if (!(share.hi < 2)) return GAIN;
@@ -595,15 +608,15 @@ int carry(const program *p, const pass *q) {
     return FINE;
 }
 
-/* Enclose a goal on many boxes, (boxes, coordinates) with (boxes, readings); in at most ``parts`` parts each. */
-void enclose(const program *p, const goal *g, int boxes, const span *box, const span *readings, int parts, span *out,
+/* Enclose a goal on many boxes, (boxes, coordinates) with (boxes, readings), in at most ``parts`` parts each. */
+void enclose(const program *p, const goal *g, int boxes, span *box, const span *readings, int parts, span *out,
              span *slopes) {
     int i, j, n = p->coordinates;
-    for (j = 0; j < boxes; j++) {
-        out[j] = both_ends(p, *g, box + (size_t)j * n, readings + (size_t)j * p->readings, parts);
-        evaluate(p, g->list, g->count, box + (size_t)j * n, readings + (size_t)j * p->readings, 1);
+    for (j = 0; j < boxes; j++, box += n, readings += p->readings, slopes += n) {
+        fill(p, box, readings);
+        out[j] = both_ends(p, *g, box, readings, parts);
+        evaluate(p, g->list, g->count, box, readings, 1);
         for (i = 0; i < n; i++)
-            slopes[(size_t)j * n + i] =
-                p->depends[g->node] >> i & 1 ? p->slope[(size_t)g->node * n + i] : NOTHING;
+            slopes[i] = p->depends[g->node] >> i & 1 ? p->slope[(size_t)g->node * n + i] : NOTHING;
     }
 }

@@ -11,9 +11,11 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from threading import Lock
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -28,9 +30,9 @@ from verification.enclosure.carried import Carried as Carried
 from verification.enclosure.carried import Question as Question
 from verification.enclosure.interval import PARTIAL, TOTAL, reason
 from verification.enclosure.outward import Span
-from verification.enclosure.rewriting import COVER, MEET, SELECT, Rewritten, rewritten
+from verification.enclosure.rewriting import COVER, MEET, SELECT, Quantity, Rewritten, rewritten
 from verification.enclosure.slopes import partials
-from verification.enclosure.whole import Read, readings_at
+from verification.enclosure.whole import readings_at
 from workbench.fold.machine_code import library
 from workbench.graph.operations import CONSTANT, INPUT
 
@@ -41,32 +43,38 @@ _NATIVE = (
 )  # fmt: skip
 """Operations in the order in which the C counts them."""
 _CODE = {name: code for code, name in enumerate(_NATIVE)}
+LEARNING, GIVEN, SETTLED = range(3)
+"""What becomes of the inputs of a pass, as the C counts it."""
 MOST = 64
 """Coordinates that the C has room for."""
 HIGHEST = 64  # powers up to this are made of products
-PARTS = 24
+PARTS = 16
 """Most parts that a box is split into where a bound of it is not exact."""
+
+INNER = 10**6
+"""Coordinates from here on stand for what depends on one other coordinate alone."""
 
 _Asking = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_double))
 _ints, _spans = ctypes.POINTER(ctypes.c_int), ctypes.c_void_p
-
-
-class _Program(ctypes.Structure):
-    _fields_ = (
-        ("nodes", ctypes.c_int), ("coordinates", ctypes.c_int), ("readings", ctypes.c_int),
-        ("op", ctypes.c_void_p), ("a", ctypes.c_void_p), ("b", ctypes.c_void_p), ("c", ctypes.c_void_p),
-        ("number", _spans), ("depends", ctypes.c_void_p), ("ask", _Asking),
-        ("value", _spans), ("slope", _spans), ("fault", ctypes.c_void_p),
-    )  # fmt: skip
 
 
 class _Goal(ctypes.Structure):
     _fields_ = (("node", ctypes.c_int), ("count", ctypes.c_int), ("list", ctypes.c_void_p))
 
 
+class _Program(ctypes.Structure):
+    _fields_ = (
+        ("nodes", ctypes.c_int), ("coordinates", ctypes.c_int), ("readings", ctypes.c_int), ("inner", ctypes.c_int),
+        ("within", ctypes.POINTER(_Goal)),
+        ("op", ctypes.c_void_p), ("a", ctypes.c_void_p), ("b", ctypes.c_void_p), ("c", ctypes.c_void_p),
+        ("number", _spans), ("depends", ctypes.c_void_p), ("ask", _Asking),
+        ("value", _spans), ("slope", _spans), ("fault", ctypes.c_void_p),
+    )  # fmt: skip
+
+
 class _Pass(ctypes.Structure):
     _fields_ = (
-        ("samples", ctypes.c_int), ("states", ctypes.c_int), ("input", ctypes.c_int), ("given", ctypes.c_int),
+        ("samples", ctypes.c_int), ("states", ctypes.c_int), ("input", ctypes.c_int), ("mode", ctypes.c_int),
         ("parts", ctypes.c_int), ("next", ctypes.POINTER(_Goal)), ("gained", _Goal), ("output", _Goal),
         ("most_gain", ctypes.c_double), ("readings", _spans), ("fixed", _spans), ("wanted", _spans), ("plan", _spans),
         ("moves", _spans), ("jolt", ctypes.c_void_p), ("start", _spans), ("x", _spans), ("y", _spans), ("u", _spans),
@@ -110,27 +118,19 @@ class Recursion:
         self._k = self.width - 2
         self._turn = Lock()
         self._trouble: BaseException | None = None
-        self.read = self._tabulated(graph)
-        self._make()
-
-    def _tabulated(self, graph: Rewritten) -> Read:
-        """Return the graph with what depends on the sample alone in a table, enclosed at every sample."""
-        goals = []
-        for entries in graph.outputs.values():
-            if not entries:  # an output that is zero
-                graph, zero = graph.with_constant(0.0)
-                goals.append(zero)
-            else:
-                goals.append(entries[0].node)
-        self.goals = goals
+        graph, goals = _goals(graph)
         whole = np.arange(self.width) == self._k
-        numbers = np.arange(self.samples + 1, dtype=float)
-        return readings_at(graph, tuple(goals), whole, numbers)
+        self.read = readings_at(graph, tuple(goals), whole, np.arange(samples + 1.0))
+        self.graph, self.goals, self.within = apart(self.read.graph, goals, range(self._k))
+        self.coordinates = self.width + len(self.within)
+        if self.coordinates > MOST:
+            raise InvalidValue(f"coordinates of a set must be at most {MOST}, got {self.coordinates}")
+        self._make()
 
     def _make(self) -> None:
         """Lay the program out as the C reads it."""
-        graph, coordinates = self.read.graph, self.width
-        needed = graph.ancestors(tuple(self.goals))
+        graph, coordinates = self.graph, self.coordinates
+        needed = graph.ancestors((*self.goals, *self.within))
         place = {k: i for i, k in enumerate(needed)}
         count = len(needed)
         op, a, b, c = (np.full(count, -1, dtype=np.int32) for _ in range(4))
@@ -153,9 +153,11 @@ class Recursion:
                 name = "asked"
             op[i] = _CODE[name]
             if name == INPUT:
-                a[i] = node.coordinate
-                if node.coordinate < coordinates:
-                    depends[i] = np.uint64(1) << np.uint64(node.coordinate)
+                at = node.coordinate
+                real = at < self.width or at >= INNER
+                a[i] = at if at < self.width else self.width + at - INNER if real else coordinates + at - self.width
+                if real:
+                    depends[i] = np.uint64(1) << np.uint64(a[i])
             for target, arg in zip((a, b, c), args, strict=False):
                 target[i] = arg
                 depends[i] |= depends[arg]
@@ -164,15 +166,16 @@ class Recursion:
         self._fault = np.zeros(count, dtype=np.int8)
         self._ask = _Asking(self._answer)
         pointers = [one.ctypes.data for one in (op, a, b, c, number, depends)]
+        wanted = (*self.goals, *self.within)
+        lists = [np.array([place[k] for k in graph.ancestors((goal,))], dtype=np.int32) for goal in wanted]
+        self._kept += lists
+        goals = [_Goal(place[goal], len(one), one.ctypes.data) for goal, one in zip(wanted, lists, strict=True)]
+        self._goals, within = goals[: len(self.goals)], goals[len(self.goals) :]
+        self._inner = (_Goal * len(within))(*within)
         self._program = _Program(
-            count, coordinates, len(self.read.lower), *pointers, self._ask,
+            count, coordinates, len(self.read.lower), len(within), self._inner, *pointers, self._ask,
             self._value.ctypes.data, self._slope.ctypes.data, self._fault.ctypes.data,
         )  # fmt: skip
-        lists = [np.array([place[k] for k in graph.ancestors((goal,))], dtype=np.int32) for goal in self.goals]
-        self._kept += lists
-        self._goals = [
-            _Goal(place[goal], len(one), one.ctypes.data) for goal, one in zip(self.goals, lists, strict=True)
-        ]
         self._table = np.ascontiguousarray(np.stack([self.read.lower.T, self.read.upper.T], axis=-1))
 
     def _answer(self, node: int, told: ctypes.Array[ctypes.c_double], answer: ctypes.Array[ctypes.c_double]) -> None:
@@ -214,7 +217,7 @@ class Recursion:
     def _boxes(self, question: Question) -> Array:
         """Return the ranges of all coordinates but states and input, by sample, (N + 1, coordinates, 2)."""
         n, nx, nw = self.samples, self.states, self.disturbances
-        fixed = np.zeros((n + 1, self.width, 2))
+        fixed = np.zeros((n + 1, self.coordinates, 2))
         fixed[:n, nx : nx + nw] = question.disturbance
         fixed[n, nx : nx + nw] = question.disturbance[-1]
         fixed[:, nx + nw : nx + nw + self.parameters] = question.parameters
@@ -227,7 +230,8 @@ class Recursion:
         question.fits(n, nx, self.disturbances, self.parameters)
         x, y = np.full((n + 1, nx, 2), np.nan), np.full((n + 1, 2), np.nan)
         u, target, slope, after = (np.full((n, 2), np.nan) for _ in range(4))
-        failed, given = ctypes.c_int(-1), question.moves is not None
+        failed = ctypes.c_int(-1)
+        mode = GIVEN if question.moves is not None else SETTLED if question.settled else LEARNING
         moves = question.moves if question.moves is not None else np.zeros((n, 2))
         jolt = question.jolt if question.jolt is not None else np.zeros(nx)
         arrays = [
@@ -236,7 +240,7 @@ class Recursion:
         ]
         goals = (_Goal * nx)(*self._goals[:nx])
         asked = _Pass(
-            n, nx, self.width - 1, int(given), PARTS, goals, self._goals[nx], self._goals[nx + 1], question.most_gain,
+            n, nx, self.width - 1, mode, PARTS, goals, self._goals[nx], self._goals[nx + 1], question.most_gain,
             *(one.ctypes.data for one in (*arrays, x, y, u, target, slope, after)), ctypes.pointer(failed),
         )  # fmt: skip
         with self._alone():
@@ -246,15 +250,67 @@ class Recursion:
     def enclose(self, goal: int, boxes: Array, samples: NDArray[np.int64], parts: int = 1) -> tuple[Array, Array]:
         """Enclose a goal on boxes, (boxes, coordinates, 2) at samples: values (boxes, 2) and slopes by coordinate."""
         count = len(boxes)
-        given = np.ascontiguousarray(boxes, dtype=np.float64)
+        given = np.zeros((count, self.coordinates, 2))
+        given[:, : self.width] = boxes
         table = np.ascontiguousarray(self._table[samples])
-        values, slopes = np.zeros((count, 2)), np.zeros((count, self.width, 2))
+        values, slopes = np.zeros((count, 2)), np.zeros((count, self.coordinates, 2))
         with self._alone():
             _c().enclose(
                 ctypes.byref(self._program), ctypes.byref(self._goals[goal]), count, given.ctypes.data,
                 table.ctypes.data, parts, values.ctypes.data, slopes.ctypes.data,
             )  # fmt: skip
         return values, slopes
+
+
+def _goals(graph: Rewritten) -> tuple[Rewritten, list[int]]:
+    """Return the node of every output, with one that is zero where an output has none."""
+    graph, zero = graph.with_constant(0.0)
+    return graph, [entries[0].node if entries else zero for entries in graph.outputs.values()]
+
+
+class Parted(NamedTuple):
+    """A graph in which parts that depend on one coordinate alone are coordinates of their own."""
+
+    graph: Rewritten
+    goals: list[int]
+    within: list[int]
+    """The nodes of these parts; the coordinate of part j is INNER + j."""
+
+
+def apart(graph: Rewritten, goals: Sequence[int], coordinates: range) -> Parted:
+    """Let what a goal takes of a coordinate be a coordinate itself, where it is one thing and the goal takes no other.
+
+    The range of a function of one coordinate is found once, and exactly as far as one pleases; the goal is then
+    monotone in it where it was not in the coordinate: so is a slope force along a line.
+    """
+    on: dict[int, frozenset[int]] = {}
+    for k in graph.ancestors(tuple(goals)):
+        node = graph.nodes[k]
+        own = frozenset({node.coordinate}) if node.op == INPUT and node.coordinate in coordinates else frozenset()
+        if node.op == INPUT and node.coordinate not in coordinates and node.coordinate < coordinates.stop + 2:
+            own = frozenset({node.coordinate})  # the input
+        on[k] = own.union(*(on[arg] for arg in node.args))
+    nodes, within, made = list(graph.nodes), list[int](), list[int]()
+    for goal in goals:
+        replaced: dict[int, int] = {}
+        needed = graph.ancestors((goal,))
+        for i in coordinates:
+            taken = {arg for k in needed for arg in graph.nodes[k].args if on[arg] == {i} and on[k] != {i}}
+            if len(taken) != 1 or graph.nodes[min(taken)].op == INPUT:
+                continue
+            (part,) = taken
+            if part not in within:
+                within.append(part)
+            replaced[part] = len(nodes)
+            nodes.append(Quantity(INPUT, coordinate=INNER + within.index(part)))
+        for k in needed:
+            node = graph.nodes[k]
+            args = tuple(replaced.get(arg, arg) for arg in node.args)
+            if k not in replaced and args != node.args:
+                replaced[k] = len(nodes)
+                nodes.append(node._replace(args=args))
+        made.append(replaced.get(goal, goal))
+    return Parted(replace(graph, nodes=tuple(nodes)), made, within)
 
 
 @cache

@@ -9,7 +9,7 @@ import numpy as np
 
 from models.array import Array
 from models.quantity import InvalidValue
-from verification.checks import attack, convergence, learning_curve, trial_map
+from verification.checks import attack, convergence, learning_curve, trial_map, update
 from verification.checks.domain import domain
 from verification.checks.row_sums import SlopeBounds, slope_bounds
 from verification.checks.wanted import Wanted, wanted_input
@@ -128,6 +128,13 @@ class Dossier:
         return attack.held_contraction(
             self.estimator, self.slopes, self.wanted, self.box, self.recorded, estimates, self.tried, weight
         )
+
+    def attack_update(self, found: Finding) -> Held:
+        """Hold the form in which the law learns against the recorded trials, noise and all."""
+        taken = self.evidence.trajectories
+        noise = np.array([one.noise[0] for one in self.study.inputs()[: taken.u.shape[0]]]).reshape(taken.y.shape)
+        reference = self.study.reference_samples[0]
+        return update.held_update(self.law, reference, taken.u, taken.y + noise, taken.lengths)
 
     @cached_property
     def evidence(self) -> Evidence:

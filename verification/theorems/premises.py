@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from verification.checks import premises, wanted
+from verification.checks import premises, update, wanted
 from verification.checks.settled import settled
 from workbench.contracts.claim import Claim, Role
 from workbench.contracts.finding import Finding, Grounds
@@ -68,6 +68,26 @@ class Premises:
             "plan_alone",
             "The law acts by its plan alone, and feeds nothing back within the trial.",
             partial(premises.plan_alone, self.of.law, self.of.study),
+        )
+
+    @cached_property
+    def update_form(self) -> Claim:
+        """The plan of a sample moves by a gain between two ends times the error, and is kept elsewhere."""
+        of = self.of
+        task = of.study.task(of.law)
+        if of.plant.ends:
+            task = task._replace(varying_lengths=True)
+        return Claim(
+            name=f"{of.study.name}.premise.update_form",
+            statement="The plan of a sample changes by a gain between two ends times the error of what is learned, and "
+            "is kept where the trial did not reach.",
+            source=OURS,
+            check=lambda: update.learns_as_declared(of.law, task),
+            controller=of.controller,
+            role=Role.REPAIRED,
+            premises=(self.plan_alone,),
+            replay=lambda witness: update.replay(of.law, task, witness),
+            attack=of.attack_update,
         )
 
     @cached_property

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from models.actuator import Wrapper
 from models.array import Array
 from models.quantity import symbolised
 from models.users_code import asking
@@ -27,8 +28,8 @@ def inputs(study: Study) -> list[TrialInput]:
     streams, trials = _streams(study), study.trials
     with asking("what the study draws", *(type(one).draw for one in scenario[1:4])):
         lengths = scenario.trial_length.draw(n, trials, streams[LENGTHS])
-        starts = np.asarray(scenario.initial.draw(plant, trials, streams[STARTS]), dtype=float)
-        behind = np.zeros((trials, len(runs.states) - starts.shape[1]))  # what the actuator adds begins at zero
+        begins = starts(study)
+        behind = np.zeros((trials, len(runs.states) - begins.shape[1]))  # what the actuator adds begins at zero
         calm = None if scenario.disturbance.bound(plant).any() else _zeros(len(plant.disturbances), n)
         quiet = None if scenario.noise.bound(plant).any() else _zeros(len(plant.outputs), n + 1)
         return [
@@ -40,7 +41,7 @@ def inputs(study: Study) -> list[TrialInput]:
                 truth,
             )
             for length, start, truth in zip(
-                lengths, np.hstack([starts, behind]), _truths(study, streams[TRUTH]), strict=True
+                lengths, np.hstack([begins, behind]), _truths(study, streams[TRUTH]), strict=True
             )
         ]
 
@@ -48,6 +49,28 @@ def inputs(study: Study) -> list[TrialInput]:
 def factors(study: Study) -> dict[str, Array]:
     """Return the factors of the quantities that are not the same in every trial, (trials,) by path."""
     return _factors(study, _streams(study)[TRUTH])
+
+
+def disturbances_that_repeat(study: Study) -> Array:
+    """Return the disturbances that every trial meets, (disturbances, N), of a study in which they repeat."""
+    scenario, n = study.scenario, study.horizon
+    with asking("what the study draws", type(scenario.disturbance).draw):
+        return np.asarray(scenario.disturbance.draw(study.plant, n, _streams(study)[DISTURBANCES]), dtype=float)
+
+
+def starts(study: Study) -> Array:
+    """Return the states of the plant in which trials begin, (trials, states), without those of an actuator."""
+    with asking("what the study draws", type(study.scenario.initial).draw):
+        return np.asarray(study.scenario.initial.draw(study.plant, study.trials, _streams(study)[STARTS]), dtype=float)
+
+
+def path_that_runs(study: Study, name: str) -> str:
+    """Return where a quantity of the plant stands in the plant that runs, which an actuator may be wrapped round."""
+    outer, prefix = study.plant_that_runs, ""
+    while outer is not study.true_plant:
+        assert isinstance(outer, Wrapper)
+        outer, prefix = outer.plant, f"{prefix}plant."
+    return f"{prefix}{name}"
 
 
 def _factors(study: Study, stream: np.random.Generator) -> dict[str, Array]:
@@ -63,8 +86,7 @@ def _truths(study: Study, stream: np.random.Generator) -> list[Array | None]:
     names, values = symbolised(study.plant_that_runs)[1::2]
     made = np.tile(np.array(values), (study.trials, 1))
     for name, row in drawn.items():
-        (at,) = [i for i, path in enumerate(names) if path == name or path.endswith(f"plant.{name}")]
-        made[:, at] *= row
+        made[:, names.index(path_that_runs(study, name))] *= row
     return list(made)
 
 

@@ -28,7 +28,7 @@ def _numbers(name: str, value: object, shapes: str) -> Array:
     """Return what was given as an array of finite numbers, or raise with what it may be."""
     try:
         array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidValue(f"{name} must be {shapes}, got {value!r}") from None
     if not np.isfinite(array).all():
         raise InvalidValue(f"{name} must be finite, got {value!r}")

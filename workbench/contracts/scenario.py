@@ -26,6 +26,10 @@ class Noise(Declaration, ABC):
     def bound(self, plant: Plant) -> Array:
         """Return the largest magnitude by output, shape (outputs,): 0 where there is none, infinite if unbounded."""
 
+    def beyond(self, plant: Plant, sizes: Array) -> Array:
+        """Return the share of samples with a magnitude above ``sizes``, both (outputs,); NaN where it is not known."""
+        return np.where(self.bound(plant) <= sizes, 0.0, math.nan)
+
 
 def _noisy(plant: Plant, output: str | None) -> list[int]:
     """Return the rows of the outputs that are noisy: all, or the one that is named."""
@@ -35,6 +39,11 @@ def _noisy(plant: Plant, output: str | None) -> list[int]:
     if output not in names:
         raise InvalidValue(f"noise.output must be one of: {', '.join(names)}; got {output!r}")
     return [names.index(output)]
+
+
+def _tails(deviations: float) -> float:
+    """Return the share of normal numbers that lie more than some standard deviations from their mean."""
+    return math.erfc(deviations / math.sqrt(2.0))
 
 
 @declared
@@ -64,6 +73,14 @@ class NormalNoise(Noise):
             bounds[_noisy(plant, self.output)] = math.inf if self.limit is None else self.limit
         return bounds
 
+    def beyond(self, plant: Plant, sizes: Array) -> Array:
+        """Return the share of samples with a magnitude above ``sizes``: what the tails hold, up to the limit."""
+        cut = 0.0 if self.limit is None or self.sigma == 0 else _tails(self.limit / self.sigma)
+        shares = np.zeros(len(plant.outputs))
+        for row in _noisy(plant, self.output) if self.sigma > 0 else ():
+            shares[row] = max(0.0, _tails(sizes[row] / self.sigma) - cut) / (1.0 - cut)
+        return shares
+
 
 @declared
 class UniformNoise(Noise):
@@ -85,6 +102,11 @@ class UniformNoise(Noise):
         bounds = np.zeros(len(plant.outputs))
         bounds[_noisy(plant, self.output)] = self.largest
         return bounds
+
+    def beyond(self, plant: Plant, sizes: Array) -> Array:
+        """Return the share of samples with a magnitude above ``sizes``."""
+        bounds = self.bound(plant)
+        return np.where(bounds > sizes, 1.0 - sizes / np.where(bounds > 0, bounds, 1.0), 0.0)
 
 
 @declared
@@ -108,6 +130,11 @@ class GaussianByOutput(Noise):
         """Return the largest magnitude by output: infinite where there is noise."""
         return np.where(np.array(self.sigmas) > 0, math.inf, 0.0)
 
+    def beyond(self, plant: Plant, sizes: Array) -> Array:
+        """Return the share of samples with a magnitude above ``sizes``: what the tails hold."""
+        pairs = zip(sizes, self.sigmas, strict=True)
+        return np.array([_tails(size / sigma) if sigma > 0 else 0.0 for size, sigma in pairs])
+
 
 @declared
 class GivenNoise(Noise):
@@ -123,6 +150,11 @@ class GivenNoise(Noise):
         """Return the largest magnitude by output."""
         bounds: Array = np.abs(np.array(self.values, dtype=float)).max(axis=1)
         return bounds
+
+    def beyond(self, plant: Plant, sizes: Array) -> Array:
+        """Return the share of samples with a magnitude above ``sizes``."""
+        shares: Array = np.mean(np.abs(np.array(self.values, dtype=float)) > sizes[:, None], axis=1)
+        return shares
 
 
 class Disturbance(Declaration, ABC):
@@ -216,6 +248,10 @@ class Initial(Declaration, ABC):
     def repeats(self) -> bool:
         """Whether every trial begins in the same state."""
 
+    @abstractmethod
+    def bound(self, plant: Plant) -> Array:
+        """Return the least and the largest value of every state, (states, 2); infinite if unbounded."""
+
 
 @declared
 class AtRest(Initial):
@@ -229,6 +265,10 @@ class AtRest(Initial):
     def repeats(self) -> bool:
         """Every trial begins in the same state."""
         return True
+
+    def bound(self, plant: Plant) -> Array:
+        """Return zeros."""
+        return np.zeros((len(plant.states), 2))
 
 
 @declared
@@ -252,6 +292,12 @@ class From(Initial):
         """Whether every trial begins in the same state."""
         return self.spread is None or not any(self.spread)
 
+    def bound(self, plant: Plant) -> Array:
+        """Return the state less and plus what it may deviate."""
+        middle = np.array(self.state)
+        spread = np.zeros_like(middle) if self.spread is None else np.abs(self.spread)
+        return np.stack([middle - spread, middle + spread], axis=1)
+
 
 @declared
 class GivenInitial(Initial):
@@ -267,6 +313,11 @@ class GivenInitial(Initial):
     def repeats(self) -> bool:
         """Whether every trial begins in the same state."""
         return len(set(self.states)) == 1
+
+    def bound(self, plant: Plant) -> Array:
+        """Return the least and the largest value of every state."""
+        states = np.array(self.states, dtype=float)
+        return np.stack([states.min(axis=0), states.max(axis=0)], axis=1)
 
 
 class Departure(Declaration, ABC):

@@ -99,7 +99,9 @@ def in_case(study: Study, name: str) -> Study:
 
 def _as_named_now(study: Study, changes: Mapping[str, object]) -> dict[str, object]:
     """Return changes under the names that settings have now; raise with what replaced one that is no more."""
-    given = dict(_leaves(changes))
+    whole = _wholes(study)
+    whole |= {old for old, path in study.renamed.items() if path in whole}
+    given = dict(_leaves(changes, whole))
     for old, sentence in study.gone.items():
         if found := [path for path in given if path == old or path.startswith(f"{old}.")]:
             raise InvalidValue(f"there is no setting {found[0]!r} any more: {sentence}")
@@ -124,18 +126,32 @@ def _with_truth(study: Study, given: dict[str, object]) -> dict[str, object]:
     return {**kept, TRUTH.removesuffix("."): {**rebuilt(study.truth, deeper, TRUTH), **made}}
 
 
-def _leaves(changes: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+def _wholes(thing: object, prefix: str = "") -> set[str]:
+    """Return the paths of the settings that are mappings themselves, and are replaced as a whole."""
+    found: set[str] = set()
+    for name, spec, value in _settings(thing):
+        if spec.kind == "ranges":
+            found.add(f"{prefix}{name}")
+        for inner, within in parts(value) if spec.kind == "part" else ():
+            found |= _wholes(within, f"{prefix}{name}.{inner}." if inner else f"{prefix}{name}.")
+    return found
+
+
+def _leaves(changes: Mapping[str, object], whole: set[str], prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Yield changes by their full path, one that is a mapping itself as it is."""
     for name, change in changes.items():
-        if isinstance(change, Mapping) and change and not any(is_declared(one) for one in change.values()):
-            yield from _leaves(change, f"{prefix}{name}.")
+        path = f"{prefix}{name}"
+        group = isinstance(change, Mapping) and change and not any(is_declared(one) for one in change.values())
+        if group and isinstance(change, Mapping) and path not in whole:
+            yield from _leaves(change, whole, f"{path}.")
         else:
-            yield f"{prefix}{name}", change
+            yield path, change
 
 
 def _parsed(text: str) -> object:
     try:
         return json.loads(text)
-    except json.JSONDecodeError:
+    except ValueError:  # no JSON, or a whole number of too many digits
         pass
     try:
         return float(text)
@@ -149,6 +165,8 @@ def _plain(value: object, spec: Quantity) -> object:
             if option is value or option == value:
                 return name
         return as_json(value) if is_declared(value) else value
+    if isinstance(value, Mapping):
+        return {name: list(ends) for name, ends in value.items()}
     return list(value) if isinstance(value, tuple) else value
 
 

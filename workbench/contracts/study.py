@@ -40,6 +40,7 @@ from workbench.contracts.trial_length import TrialLength, as_trial_length
 from workbench.contracts.tuning import Progress as Progress
 from workbench.contracts.tuning import Tuned as Tuned
 from workbench.contracts.tuning import Tuning as Tuning
+from workbench.contracts.verifying import Verification, check_verification
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -145,6 +146,7 @@ class Study:
     first_plan: Inverse | ArrayLike | None = part(
         default=None, doc="the inputs that learning laws try first, in the plant's units; None: each law's own"
     )
+    verify: Verification = part(default=Verification(), doc="what proofs are stated for, and the bounds asked")
     seed: int = count(default=0, doc="seed of everything random", most=2**53)
     draws: int = count(default=1, doc="campaigns with seeds of their own: seed, seed + 1, ...", least=1, most=100_000)
     divergence_factor: float = quantity(
@@ -248,6 +250,7 @@ class Study:
             if name not in known:
                 raise InvalidValue(f"truth.{name} must be a quantity of {plant.name}, one of: {', '.join(known)}")
         _ = self.plant_that_runs
+        check_verification(self.verify, plant)
 
     def _check_laws(self) -> None:
         if not isinstance(self.controllers, Mapping):

@@ -80,6 +80,16 @@ def test_starts_say_whether_they_repeat(initial, repeats):
     drawn = initial.draw(ONE, 4, np.random.default_rng(3))
     assert drawn.shape == (4, 2) and initial.repeats is repeats
     assert (drawn == drawn[0]).all() == repeats
+    bound = initial.bound(ONE)
+    assert bound.shape == (2, 2) and (bound[:, 0] <= drawn).all() and (drawn <= bound[:, 1]).all()
+    assert (bound[:, 0] == bound[:, 1]).all() == repeats
+
+
+def test_starts_come_near_their_bounds():
+    initial = From(state=(1.0, 2.0), spread=(0.5, -3.0))
+    drawn = initial.draw(ONE, 20_000, np.random.default_rng(6))
+    assert initial.bound(ONE).tolist() == [[0.5, 1.5], [-1.0, 5.0]]
+    assert np.allclose([drawn.min(axis=0), drawn.max(axis=0)], initial.bound(ONE).T, rtol=1e-3, atol=1e-3)
 
 
 @pytest.mark.parametrize(

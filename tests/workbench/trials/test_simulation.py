@@ -10,7 +10,7 @@ import plain_loop
 import pytest
 import xarray as xr
 
-from models.actuator import Actuator
+from models.actuator import Actuator, Lagged
 from models.maglev import Maglev
 from models.plant import Plant, signal, signals
 from models.point_mass import PointMass
@@ -51,6 +51,11 @@ SCENARIOS = {
     "the swing of the resistance": {"truth": {"b0_swing": [1.0, 3.0, 0.1, 1.0], "pulsation": Between(low=0.5, high=2)}},
     "an actuator": {"actuator": Actuator(lag=0.3, delay=0.2, lower=-3e4, upper=5e4)},
     "an actuator and masses": {"actuator": Actuator(lag=0.3, delay=0.2), "truth": {"mass": Between(low=0.5, high=2.0)}},
+    "a lag of its own behind another": {
+        "plant": Lagged(plant=PointMass(), time_constant=0.5),
+        "actuator": Actuator(lag=0.3),
+        "truth": {"time_constant": Between(low=0.5, high=2.0)},
+    },
     "one trial after the other": {"continues": True, "trial_length": TrialLength(law="fixed")},
     "shorter trials": {"trial_length": 40},
     "a plan": {"first_plan": 2.5e4},

@@ -1,0 +1,67 @@
+"""How far a Function's value in doubles may lie from its value in real numbers, for all arguments in a box.
+
+Every operation adds what it rounds and passes on what its arguments were off, by its slopes. Slopes are taken on the
+box as it stands and results are doubled, since arguments that are off may leave the box by as little.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.array import Array
+from verification.enclosure.box import Box
+from verification.enclosure.face import Enclosed
+from verification.enclosure.interval import evaluate
+from verification.enclosure.outward import Span
+from verification.enclosure.rewriting import COVER, MEET, SELECT, rewritten
+from verification.enclosure.slopes import partials
+from workbench.graph.operations import BOOLEAN, CONSTANT, INPUT
+
+_EXACT = frozenset({"neg", "twice", "fabs", "fmin", "fmax", "sign", "floor", "ceil", "if_else_zero", "copysign",
+                    "assign", SELECT, COVER, MEET, *BOOLEAN})  # fmt: skip
+_HALF_A_PLACE = frozenset({"add", "sub", "mul", "div", "inv", "sq", "sqrt"})
+HALF, LIBRARY = 2.0**-53, 2.0**-50
+"""What arithmetic, and what a mathematical library, rounds at most, of the result."""
+SPARE = 2.0
+"""Factor for the second order, and for instructions that were put together."""
+
+
+def rounding(function: Enclosed, box: Box) -> dict[str, Array]:
+    """Return by how much each output may be off, shaped like it; infinite where that is not known, as at a jump."""
+    graph = rewritten(function)
+    if isinstance(graph, str):
+        raise ValueError(f"expected a Function that has a graph, got one without: {graph}")
+    lower, upper = box.coordinates(function)
+    values = evaluate(graph, lower[:, None], upper[:, None], graph.targets())
+    off: dict[int, float] = {}
+    for k in graph.ancestors(graph.targets()):
+        node, span = graph.nodes[k], values[k].span
+        size = float(np.max(np.abs([span.lo, span.hi])))
+        if node.op in (INPUT, CONSTANT):
+            off[k] = 0.0
+            continue
+        arguments = [values[arg].span for arg in node.args]
+        passed = 0.0
+        for arg, slope in zip(node.args, _slopes(node.op, span, arguments), strict=True):
+            steep = float(np.max(np.abs([slope.lo, slope.hi])))
+            if off[arg]:
+                passed += steep * off[arg] if np.isfinite(off[arg]) else np.inf
+        own = 0.0 if node.op in _EXACT else (HALF if node.op in _HALF_A_PLACE else LIBRARY) * size
+        decided = node.op not in BOOLEAN or bool(np.all(span.lo == span.hi)) or not any(off[a] for a in node.args)
+        off[k] = passed + own if decided else np.inf
+    found: dict[str, Array] = {}
+    for name, entries in graph.outputs.items():
+        found[name] = np.zeros(graph.shapes[name])
+        for entry in entries:
+            found[name][entry.row, entry.column] = SPARE * off[entry.node]
+    return found
+
+
+def _slopes(op: str, value: Span, arguments: list[Span]) -> tuple[Span, ...]:
+    """Return the slopes by the arguments; a choice passes on what its branches are off, for its condition is exact."""
+    one = Span(np.ones(1), np.ones(1))
+    if op in ("if_else_zero", SELECT):
+        return (Span(np.zeros(1), np.zeros(1)), *(one for _ in arguments[1:]))
+    if op == MEET:
+        return Span(np.zeros(1), np.zeros(1)), one
+    return partials(op, value, *arguments)
