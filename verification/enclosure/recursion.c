@@ -525,15 +525,19 @@ static int solve(const program *p, const pass *q, span *box, const span *reading
         b = slope_by(p, q->gained, box, readings, in);
     }
     if (tries == 60) return UNREACHED;
-    if (b.lo < b.hi) /* nearer, by what is left or too much at either end */
+    if (b.lo < b.hi) /* nearer, by what is left or too much at either end: the targets lie between, and so do slopes */
         for (tries = 0; tries < 4; tries++) {
             double left;
+            span steep;
+            box[in] = found;
+            steep = slope_by(p, q->gained, box, readings, in);
+            if (!(steep.hi < b.hi)) steep = b;
             box[in].lo = box[in].hi = found.hi;
             left = sum_down(end_of(p, q->gained, box, readings, 1, q->parts, 0), -wanted.hi);
-            if (left > 0) found.hi = larger(sum_up(found.hi, -quotient_down(left, b.hi)), found.lo);
+            if (left > 0) found.hi = larger(sum_up(found.hi, -quotient_down(left, steep.hi)), found.lo);
             box[in].lo = box[in].hi = found.lo;
             left = sum_down(wanted.lo, -end_of(p, q->gained, box, readings, 0, q->parts, 0));
-            if (left > 0) found.lo = smaller(sum_down(found.lo, quotient_down(left, b.hi)), found.hi);
+            if (left > 0) found.lo = smaller(sum_down(found.lo, quotient_down(left, steep.hi)), found.hi);
         }
     *target = found, *slope = b;
     return FINE;

@@ -9,6 +9,7 @@ they depend on the sample alone: those are tabulated once.
 from __future__ import annotations
 
 import ctypes
+import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -30,12 +31,14 @@ from verification.enclosure.carried import Carried as Carried
 from verification.enclosure.carried import Question as Question
 from verification.enclosure.interval import PARTIAL, TOTAL, reason
 from verification.enclosure.outward import Span
+from verification.enclosure.recursion_in_python import Passes
 from verification.enclosure.rewriting import COVER, MEET, SELECT, Quantity, Rewritten, rewritten
 from verification.enclosure.slopes import partials
 from verification.enclosure.whole import readings_at
 from workbench.fold.machine_code import library
 from workbench.graph.operations import CONSTANT, INPUT
 
+log = logging.getLogger("workbench")
 _NATIVE = (
     INPUT, CONSTANT, "add", "sub", "mul", "div", "neg", "inv", "twice", "sq", "sqrt", "fabs", "fmin", "fmax", "sign",
     "floor", "ceil", "lt", "le", "eq", "ne", "not", "and", "or", "if_else_zero", SELECT, COVER, MEET, "whole_power",
@@ -121,6 +124,7 @@ class Recursion:
         graph, goals = _goals(graph)
         whole = np.arange(self.width) == self._k
         self.read = readings_at(graph, tuple(goals), whole, np.arange(samples + 1.0))
+        self._plain = tuple(goals)
         self.graph, self.goals, self.within = apart(self.read.graph, goals, range(self._k))
         self.coordinates = self.width + len(self.within)
         if self.coordinates > MOST:
@@ -228,6 +232,9 @@ class Recursion:
         """Carry the set of states through all samples."""
         n, nx = self.samples, self.states
         question.fits(n, nx, self.disturbances, self.parameters)
+        c = _c()
+        if c is None:
+            return self.slowly(question)
         x, y = np.full((n + 1, nx, 2), np.nan), np.full((n + 1, 2), np.nan)
         u, target, slope, after = (np.full((n, 2), np.nan) for _ in range(4))
         failed = ctypes.c_int(-1)
@@ -244,18 +251,26 @@ class Recursion:
             *(one.ctypes.data for one in (*arrays, x, y, u, target, slope, after)), ctypes.pointer(failed),
         )  # fmt: skip
         with self._alone():
-            ended = ENDS[_c().carry(ctypes.byref(self._program), ctypes.byref(asked))]
+            ended = ENDS[c.carry(ctypes.byref(self._program), ctypes.byref(asked))]
         return Carried(x, y, u, target, slope, after, ended, int(failed.value))
+
+    def slowly(self, question: Question) -> Carried:
+        """Carry the set of states through all samples in Python: much slower, and sets may be a little wider."""
+        question.fits(self.samples, self.states, self.disturbances, self.parameters)
+        fixed = self._boxes(question)[:, : self.width]
+        return Passes(graph=self.read.graph, goals=self._plain, table=self._table, fixed=fixed).carry(question)
 
     def enclose(self, goal: int, boxes: Array, samples: NDArray[np.int64], parts: int = 1) -> tuple[Array, Array]:
         """Enclose a goal on boxes, (boxes, coordinates, 2) at samples: values (boxes, 2) and slopes by coordinate."""
-        count = len(boxes)
+        count, c = len(boxes), _c()
+        if c is None:
+            raise InvalidValue("boxes are enclosed by machine code: a C compiler is needed (set CC to one)")
         given = np.zeros((count, self.coordinates, 2))
         given[:, : self.width] = boxes
         table = np.ascontiguousarray(self._table[samples])
         values, slopes = np.zeros((count, 2)), np.zeros((count, self.coordinates, 2))
         with self._alone():
-            _c().enclose(
+            c.enclose(
                 ctypes.byref(self._program), ctypes.byref(self._goals[goal]), count, given.ctypes.data,
                 table.ctypes.data, parts, values.ctypes.data, slopes.ctypes.data,
             )  # fmt: skip
@@ -314,11 +329,12 @@ def apart(graph: Rewritten, goals: Sequence[int], coordinates: range) -> Parted:
 
 
 @cache
-def _c() -> ctypes.CDLL:
+def _c() -> ctypes.CDLL | None:
     source = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
     found = library("recursion", source)
     if found is None:
-        raise InvalidValue("sets are carried by machine code: a C compiler is needed (set CC to one)")
+        log.warning("sets are carried from sample to sample in Python, some hundred times slower")
+        return None
     loaded = ctypes.CDLL(str(found))
     loaded.enclose.argtypes = [
         ctypes.c_void_p,
