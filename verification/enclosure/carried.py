@@ -57,7 +57,7 @@ class Question:
     settled: bool = False
     """Whether to ask where inputs end up when trials go on without end, in place of where they may ever be."""
     jolt: Array | None = None
-    """What a sample may add to a state besides, such as rounding, (states,)."""
+    """What a sample may add to a state besides, (states,), such as rounding; ``wanted`` holds what a law sees of it."""
 
     def __post_init__(self) -> None:
         """Raise InvalidValue for a range that is empty or open, and for gains that are none."""

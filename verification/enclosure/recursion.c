@@ -329,7 +329,7 @@ static void evaluate(const program *p, const int *list, int count, const span *b
         }
         if (op == FMIN || op == FMAX || op == IF_ELSE_ZERO || op == SELECT || op == MEET) continue;
         da = known(da), db = known(db);
-        for (i = 0; mask >> i; i++) {
+        for (i = 0; i < n && mask >> i; i++) {
             span g = NOTHING;
             if (!(mask >> i & 1)) continue;
             if (p->depends[a] >> i & 1) g = chained(p->slope[(size_t)a * n + i], da);
@@ -501,6 +501,14 @@ typedef struct {
 
 static double middle(span x) { return x.lo / 2 + x.hi / 2; }
 
+/* Inputs at which a goal takes a wanted value, if at one input it lies in f and its slopes from there on in b. */
+static span reached(double from, span f, span b, span wanted) {
+    double up = sum_up(wanted.hi, -f.lo), down = sum_down(wanted.lo, -f.hi);
+    span found = {sum_down(from, quotient_down(down, down < 0 ? b.lo : b.hi)),
+                  sum_up(from, quotient_up(up, up > 0 ? b.lo : b.hi))};
+    return found;
+}
+
 /* Inputs with which a goal, rising in the input, takes a wanted value from every point of a box. */
 static int solve(const program *p, const pass *q, span *box, const span *readings, span wanted, double from,
                  span *target, span *slope) {
@@ -511,11 +519,10 @@ static int solve(const program *p, const pass *q, span *box, const span *reading
     if (!bounded(f)) return UNDEFINED;
     b = slope_by(p, q->gained, box, readings, in);
     for (tries = 0; tries < 60; tries++) {
-        double up = sum_up(wanted.hi, -f.lo), down = sum_down(wanted.lo, -f.hi), room;
+        double room;
         if (!bounded(b)) return UNDEFINED;
         if (!(b.lo > 0)) return tries ? UNREACHED : NOT_RISING;
-        found.hi = sum_up(from, quotient_up(up, up > 0 ? b.lo : b.hi));
-        found.lo = sum_down(from, quotient_down(down, down < 0 ? b.lo : b.hi));
+        found = reached(from, f, b, wanted);
         if (!bounded(found)) return UNBOUNDED;
         if (tries && found.lo >= region.lo && found.hi <= region.hi) break;
         region.lo = smaller(smaller(region.lo, found.lo), from), region.hi = larger(larger(region.hi, found.hi), from);
@@ -525,19 +532,23 @@ static int solve(const program *p, const pass *q, span *box, const span *reading
         b = slope_by(p, q->gained, box, readings, in);
     }
     if (tries == 60) return UNREACHED;
-    if (b.lo < b.hi) /* nearer, by what is left or too much at either end: the targets lie between, and so do slopes */
-        for (tries = 0; tries < 4; tries++) {
-            double left;
-            span steep;
+    if (b.lo < b.hi) /* nearer: the targets lie between the ends found, and so do the slopes that matter */
+        for (tries = 0; tries < 12; tries++) {
+            double at = smaller(found.hi, larger(found.lo, middle(found))), width = found.hi - found.lo, left;
+            span steep, nearer;
             box[in] = found;
             steep = slope_by(p, q->gained, box, readings, in);
-            if (!(steep.hi < b.hi)) steep = b;
-            box[in].lo = box[in].hi = found.hi;
+            if (!(steep.lo > 0)) break;
+            box[in].lo = box[in].hi = at;
+            nearer = meet(found, reached(at, both_ends(p, q->gained, box, readings, q->parts), steep, wanted));
+            if (nearer.lo <= nearer.hi) found = nearer;
+            box[in].lo = box[in].hi = found.hi; /* by what is too much at the upper end, and left at the lower */
             left = sum_down(end_of(p, q->gained, box, readings, 1, q->parts, 0), -wanted.hi);
             if (left > 0) found.hi = larger(sum_up(found.hi, -quotient_down(left, steep.hi)), found.lo);
             box[in].lo = box[in].hi = found.lo;
             left = sum_down(wanted.lo, -end_of(p, q->gained, box, readings, 0, q->parts, 0));
             if (left > 0) found.lo = smaller(sum_down(found.lo, quotient_down(left, steep.hi)), found.hi);
+            if (!(found.hi - found.lo < 0.99 * width)) break;
         }
     *target = found, *slope = b;
     return FINE;

@@ -335,7 +335,11 @@ def _c() -> ctypes.CDLL | None:
     if found is None:
         log.warning("sets are carried from sample to sample in Python, some hundred times slower")
         return None
-    loaded = ctypes.CDLL(str(found))
+    return declared(ctypes.CDLL(str(found)))
+
+
+def declared(loaded: ctypes.CDLL) -> ctypes.CDLL:
+    """Return a library of the C with what its functions take and return."""
     loaded.enclose.argtypes = [
         ctypes.c_void_p,
         ctypes.c_void_p,

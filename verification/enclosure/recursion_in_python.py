@@ -8,6 +8,7 @@ grids of inputs; what remains is computed in fractions, without error, and round
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -24,6 +25,7 @@ from verification.enclosure.slopes import gradient
 HALVINGS = 2  # of every box that a goal is enclosed on
 GRID, ROUNDS = 33, 3  # inputs among which an end of the targets is sought, and how often anew between two of them
 TRIES = 60
+LEAST = 1e-300  # by which a search is widened
 Ends = tuple[float, float]
 
 
@@ -73,8 +75,11 @@ class Passes:
             return
         target = _outward(self._target(box, plan, _ends(question.wanted[k])))
         found.target[k] = target
-        u, slope = self._inputs(box, question, plan, target)
-        found.u[k], found.slope[k] = u, slope
+        u = plan
+        for u, slope in self._inputs(box, question, plan, target):  # noqa: B007  # the last is what is asked for
+            found.slope[k] = slope
+            _rising(slope, "not rising")
+        found.u[k] = u
         if question.moves is not None:
             found.after[k] = _moved(u, target, slope, _ends(question.moves[k]))
         jolt = np.zeros(nx) if question.jolt is None else question.jolt
@@ -82,18 +87,17 @@ class Passes:
             low, high = self._range(i, box, u)
             found.x[k + 1, i] = _rounded(Fraction(low) - Fraction(jolt[i]), Fraction(high) + Fraction(jolt[i]))
 
-    def _inputs(self, box: Array, question: Question, plan: Ends, target: Ends) -> tuple[Ends, Ends]:
-        """Return the inputs of all trials, and the slopes between them and their targets."""
+    def _inputs(self, box: Array, question: Question, plan: Ends, target: Ends) -> Iterator[tuple[Ends, Ends]]:
+        """Return the inputs of all trials, and the slopes between them and their targets, better ones last."""
         given = question.moves is not None
         u = plan if given else target if question.settled else _hull(plan, target)
         for _ in range(TRIES):
             region = _hull(u, target)
             slope = self._slope(box, region)
-            if not slope[0] > 0:
-                raise _End("not rising")
+            yield u, slope
             reach = Fraction(question.most_gain) * Fraction(slope[1])
             if given or reach <= 1:
-                return u, slope
+                return
             if reach >= 2:
                 break
             middle = (Fraction(target[0]) + Fraction(target[1])) / 2
@@ -103,7 +107,9 @@ class Passes:
                 far = max(far, Fraction(plan[1]) - middle, middle - Fraction(plan[0]))
             u = _rounded(middle - far, middle + far)
             if region[0] <= u[0] and u[1] <= region[1]:
-                return u, slope
+                yield u, slope
+                return
+            u = _hull(u, region)
         raise _End("gain")
 
     def _target(self, box: Array, plan: Ends, wanted: Ends) -> Ends:
@@ -111,20 +117,19 @@ class Passes:
         gained, start = len(self.goals) - 2, plan[0] / 2 + plan[1] / 2
         there = self._range(gained, box, (start, start))
         slope = self._slope(box, (start, start))
-        if not slope[0] > 0:
-            raise _End("not rising")
-        step = 1.01 * max(abs(wanted[1] - there[0]), abs(wanted[0] - there[1]), 1e-300) / slope[0]
+        _rising(slope, "not rising")
+        above, below = (1.01 * max(end, 0.0) / slope[0] for end in (wanted[1] - there[0], there[1] - wanted[0]))
         for _ in range(TRIES):
-            region = start - step, start + step
+            region = start - below, start + above
             if not np.isfinite(region).all():
                 raise _End("unbounded")
             slope = self._slope(box, region)
-            if not slope[0] > 0:
-                raise _End("unreached")
+            _rising(slope, "unreached")
             low, high = self._gains(box, np.array(region))
             if high[0] <= wanted[0] and low[1] >= wanted[1]:
                 break
-            step *= 2
+            below += 0.0 if high[0] <= wanted[0] else below + LEAST
+            above += 0.0 if low[1] >= wanted[1] else above + LEAST
         else:
             raise _End("unreached")
         most, least = (Fraction(wanted[1]) - Fraction(there[0])), (Fraction(wanted[0]) - Fraction(there[1]))
@@ -164,12 +169,10 @@ class Passes:
         return float(span.lo[0]), float(span.hi[0])
 
     def _slope(self, box: Array, u: Ends) -> Ends:
-        """Enclose the slope of the gain by the input on a box with some inputs."""
+        """Enclose the slope of the gain by the input on a box with some inputs; open where it is not known."""
         span, slopes = self._look(self.goals[-2], *self._with(box, u))
         ends = float(slopes.lo[self._input, 0]), float(slopes.hi[self._input, 0])
-        if not np.isfinite([span.lo[0], span.hi[0], *ends]).all():
-            raise _End("undefined")
-        return ends
+        return ends if np.isfinite([span.lo[0], span.hi[0], *ends]).all() else (-math.inf, math.inf)
 
     def _look(self, goal: int, low: Array, high: Array) -> tuple[Span, Span]:
         """Enclose a goal and its slopes on boxes, one a column."""
@@ -227,6 +230,14 @@ def _hull(a: Ends, b: Ends) -> Ends:
 
 def _outward(a: Ends) -> Ends:
     return math.nextafter(a[0], -math.inf), math.nextafter(a[1], math.inf)
+
+
+def _rising(slope: Ends, otherwise: Ended) -> None:
+    """Raise _End unless a slope is known and positive."""
+    if not np.isfinite(slope).all():
+        raise _End("undefined")
+    if not slope[0] > 0:
+        raise _End(otherwise)
 
 
 def _rounded(low: Fraction, high: Fraction) -> Ends:
