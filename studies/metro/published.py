@@ -76,6 +76,27 @@ EXPECTED: Expectations = {
         _ALIKE,
         _ONE_PLANT,
     ),
+    "theorem1.conclusion": (
+        Expected(
+            standing=PROVED,
+            why="the speed's slope by the force is one positive number, far below 2/l_max: an induction over samples",
+            published="the error converges to zero (Theorem 1)",
+        ),
+        Expected(
+            standing=UNDECIDED,
+            why="the induction is for a plan that acts as it is, from one start, on one plant: one with these in it "
+            "would decide",
+            cases=(STARTS, LIMITED, LAGGING, TRIPS),
+            published="the error converges to zero (Theorem 1)",
+        ),
+    ),
+    "theorem1.transient": (
+        Expected(
+            standing=REFUTED,
+            why="what each sample adds for the samples after it makes the error rise at first",
+            published="the MSE falls by trial (Fig. 7)",
+        ),
+    ),
     "asymptotic": (
         Expected(standing=SUPPORTED, why="the map's diagonal is 1 - l df/du, between 0 and 1"),
         Expected(

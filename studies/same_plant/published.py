@@ -19,6 +19,16 @@ EXPECTED: Expectations = {
     "lambda_min.partial": (Expected(standing=PROVED, why="lambda is far above (rho b)^2/4, b the partial derivative"),),
     "lambda_min.realised": (Expected(standing=REFUTED, why="b the realised ratio is far larger"),),
     "theorem1": (Expected(standing=REFUTED, why="its factors need A2 and A4 as printed"),),
+    "theorem1.conclusion": (
+        Expected(
+            standing=UNDECIDED,
+            why="the speed is measured with noise and the force is limited: an induction with these in it would decide",
+            published="the error converges to zero (Theorem 1)",
+        ),
+    ),
+    "theorem1.transient": (
+        Expected(standing=REFUTED, why="what each sample adds for those after it makes the error rise at first"),
+    ),
     "asymptotic": (
         Expected(standing=UNDECIDED, why="the speed is measured with noise: a bound of what noise leaves would decide"),
     ),

@@ -149,9 +149,9 @@ class Maker:
 
     def _of_use(self, found: Carried) -> Carried | Open:
         """Return sets that are narrow enough and lie where the equations mean something, or why not."""
-        scale = float(np.ptp(self.study.reference_samples[0])) or float(np.abs(self.reference).max())
+        scale = scale_of(self.study)
         width = found.y[:, 1] - found.y[:, 0]
-        wide = np.flatnonzero(width > WIDEST * scale) if scale else np.zeros(0, dtype=np.int64)
+        wide = np.flatnonzero(width > WIDEST * scale)
         if wide.size:
             k, signal = int(wide[0]), self.plant.outputs[0]
             return Open(
@@ -198,6 +198,12 @@ class Maker:
         return f"{where} the band is beyond all numbers"
 
 
+def scale_of(study: Study) -> float:
+    """Return the range of the reference, or its size where it is constant; infinite where it is zero throughout."""
+    reference = study.reference_samples[0]
+    return float(np.ptp(reference)) or float(np.abs(reference).max()) or np.inf
+
+
 def funnel(maker: Maker) -> Funnel | Open:
     """Return the funnel of a law within a scope, or why there is none.
 
@@ -211,7 +217,7 @@ def funnel(maker: Maker) -> Funnel | Open:
     same = [name for name, one in scope.parameters.items() if name not in scope.moving and one.low < one.high]
     if not same:
         return found
-    parts = _parts(scope.parameters, same)
+    parts = parts_of(scope.parameters, same)
     made = []
     for values in parts:
         one = maker.carry(maker.question(values))
@@ -223,10 +229,8 @@ def funnel(maker: Maker) -> Funnel | Open:
 
 def with_rounding(maker: Maker, found: Funnel) -> Carried | None:
     """Return the funnel with what doubles round carried as noise: what recorded trials stay in, exactly."""
-    scope = maker.scope
-    parts: Sequence[Mapping[str, Range]] = _parts(scope.parameters, found.same) if found.same else [scope.parameters]
     made = []
-    for values in parts:
+    for values in parts_of(maker.scope.parameters, found.same):
         question = maker.question(values, found.sets)
         if not np.isfinite(question.wanted).all() or question.jolt is None or not np.isfinite(question.jolt).all():
             return None
@@ -265,8 +269,10 @@ def wanted(reference: Array, noise: float) -> Array:
     return np.stack(outward.add(gained, Span(-spread, spread)), axis=-1)
 
 
-def _parts(parameters: Mapping[str, Range], same: Sequence[str]) -> list[Mapping[str, Range]]:
-    """Return the parts of the ranges of some quantities, the others whole."""
+def parts_of(parameters: Mapping[str, Range], same: Sequence[str]) -> list[Mapping[str, Range]]:
+    """Return the parts of the ranges of quantities that stay the same in all trials, the others whole."""
+    if not same:
+        return [parameters]
     each = max(1, min(SPLIT, int(MOST_PARTS ** (1 / len(same)) + 1e-9)))
     cuts = {name: np.linspace(parameters[name].low, parameters[name].high, each + 1) for name in same}
     found: list[Mapping[str, Range]] = []

@@ -53,7 +53,7 @@ class Judge:
         self, case: str = DEFAULT, *, expectations: Expectations | None = None, again: Again | None = None
     ) -> None:
         self.case, self.expectations, self.again = case, expectations or {}, again
-        self._known: dict[Claim, _Judged] = {}
+        self._known: dict[tuple[str, str, str | None], _Judged] = {}
 
     def verdict(self, claim: Claim) -> Verdict | NotMade:
         """Return how a claim stands, or that it has no meaning here."""
@@ -96,9 +96,10 @@ class Judge:
         )
 
     def _judged(self, claim: Claim) -> _Judged:
-        if claim not in self._known:
-            self._known[claim] = self._judge(claim)
-        return self._known[claim]
+        key = claim.name, claim.statement, claim.controller
+        if key not in self._known:
+            self._known[key] = self._judge(claim)
+        return self._known[key]
 
     def _judge(self, claim: Claim) -> _Judged:
         premises = tuple((one, self._judged(one)) for one in claim.premises)

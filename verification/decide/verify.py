@@ -17,6 +17,7 @@ from verification.decide.judge import Judge
 from verification.report.gate import Gate
 from verification.report.write import CASES, Report, write_into
 from verification.theorems import learning
+from verification.theorems.limits import limits
 from verification.theorems.outcomes import outcomes
 from workbench.contracts.claim import Claim, Held
 from workbench.contracts.examination import Examination, Figure, Table
@@ -47,7 +48,7 @@ def examination_of(campaign: Campaign, *, full: bool = False) -> Examination:
     made: Examination = (next(iter(named)).load() if named else learning.examine)(campaign, full=full)
     return dataclasses.replace(
         made,
-        claims=[*made.claims, *outcomes(campaign), *_own(campaign)],
+        claims=[*made.claims, *outcomes(campaign), *limits(campaign), *_own(campaign)],
         expectations={
             name: [*made.expectations.get(name, ()), *study.expected.get(name, ())]
             for name in {**made.expectations, **study.expected}

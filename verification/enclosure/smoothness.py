@@ -9,6 +9,7 @@ Inputs that the box says are whole take whole numbers only, and nothing is conti
 decide alone is no kink and no jump. A pole or the end of a domain that one of them meets counts.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -85,11 +86,41 @@ def nonsmooth_operations(function: Enclosed) -> tuple[NonsmoothOperation, ...]:
 
 def continuous_everywhere(function: Enclosed) -> bool:
     """Tell whether a Function is made of operations that are defined and continuous for all arguments."""
+    return not breaks_somewhere(function)
+
+
+def breaks_somewhere(function: Enclosed, whole: Mapping[str, tuple[float, float]] | None = None) -> str:
+    """Return which operation is not defined and continuous for all real arguments, or an empty text.
+
+    ``whole`` names inputs that take whole numbers between two ends only; what they decide alone is no jump, and where
+    they alone decide a divisor, or a value, it is looked at for every one of them.
+    """
     graph = rewritten(function)
     if isinstance(graph, str):
-        return False
-    known = all(supported(graph.nodes[k]) for k in graph.ancestors(graph.targets()))
-    return known and all(found.kind == "kink" and not found.edge for _, _, found in _listed(graph))
+        return graph
+    ranges = {} if whole is None else whole
+    names = [one.name for one in face(function).inputs for _ in one.rows]
+    lower, upper = (np.array([ranges.get(name, (0.0, 0.0))[end] for name in names]) for end in (0, 1))
+    table = tabulated(graph, lower, upper, np.array([name in ranges for name in names], dtype=bool), graph.targets())
+    graph = table.graph
+    for k in graph.ancestors(graph.targets()):
+        if not supported(graph.nodes[k]):
+            return reason(graph, {}, k)
+    if not (np.isfinite(table.lower) & np.isfinite(table.upper)).all():
+        return "not every whole number gives a finite value"
+    levels = _Levels(graph)
+    for k, operation, found in _listed(graph):
+        if found.kind == "kink" and not found.edge:
+            continue
+        level = found.level(levels, *graph.nodes[k].args)
+        above = replace(graph, nodes=tuple(levels.nodes))
+        moving = above.coordinates((level,), table.first + table.readings)[: table.first].any()
+        row = above.nodes[level].coordinate - table.first
+        apart = 0 <= row and bool(((table.lower[row] > 0) | (table.upper[row] < 0)).all())
+        if moving or not (found.kind == "jump" or (found.kind == "pole" and found.rule == "zero" and apart)):
+            what = "the end of a domain" if found.kind == "kink" else f"a {found.kind}"
+            return f"{what} of {operation.name} in {operation.expression}"
+    return ""
 
 
 def reaches(function: Enclosed, box: Box, *, budget: int = BUDGET) -> tuple[Reach, ...] | str:

@@ -37,8 +37,10 @@ def paragraphs(files: Sequence[Dossier], verdicts: Sequence[Verdict]) -> Sequenc
     said = _shared(mine)
     said += [" ".join(_sentences(d, mine[d.controller], repaired)) for d in files]
     if files:
+        limits = [name for name, own in mine.items() if _stands(own, "theorem1.conclusion", Standing.PROVED)]
+        but = " (theorem1.conclusion alone speaks of all states and inputs)" if limits else ""
         said.append(
-            "PROVED speaks of the boxes below only: what each controller's run met, a little wider. A trial that "
+            f"PROVED speaks of the boxes below only{but}: what each controller's run met, a little wider. A trial that "
             "leaves its box, another plant or measurement noise is not covered, and that no later trial leaves it is "
             "not shown; SUPPORTED speaks of this run."
         )
@@ -114,6 +116,7 @@ def _sentences(d: Dossier, own: Mapping[str, Verdict], repaired: Sequence[str]) 
             f"The premises of Theorem 1 are not met at {100 * float((np.abs(factor) >= 1).mean()):.3g} % of trials and "
             "samples: its proof does not apply."
         )
+    text += _limit(own)
     text += _increment(own) or _lifted(own)
     text += _estimate(d, own)
     if broken and d.law.learns_on != "increment" and e.degree == 1:
@@ -123,6 +126,17 @@ def _sentences(d: Dossier, own: Mapping[str, Verdict], repaired: Sequence[str]) 
             "nothing of noise, of other masses or of other starts, so try such a law on these before it is used."
         )
     return text
+
+
+def _limit(own: Mapping[str, Verdict]) -> list[str]:
+    if not _stands(own, "theorem1.conclusion", Standing.PROVED):
+        return []
+    risen = own["theorem1.transient"] if _stands(own, "theorem1.transient", Standing.REFUTED) else None
+    way = f"; on the way the MSE rose by {100 * -(risen.margin or 0.0):.3g} % in this run" if risen else ""
+    return [
+        "What Theorem 1 concludes is true all the same, as a limit and for another reason than its proof's: the error "
+        f"of every sample goes to zero as trials go on, which says nothing of how fast{way}."
+    ]
 
 
 def _increment(own: Mapping[str, Verdict]) -> list[str]:

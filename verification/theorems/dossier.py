@@ -14,6 +14,7 @@ from verification.checks.domain import domain
 from verification.checks.row_sums import SlopeBounds, slope_bounds
 from verification.checks.wanted import Wanted, wanted_input
 from verification.enclosure.box import Box
+from verification.theorems.funnels import Funnels
 from verification.theorems.premises import Premises
 from workbench.contracts.claim import Held, Range
 from workbench.contracts.finding import Finding, undecided
@@ -173,6 +174,11 @@ class Dossier:
     def premises(self) -> Premises:
         """What theorems about the controller ask of it."""
         return Premises(self)
+
+    @cached_property
+    def funnels(self) -> Funnels:
+        """The sets that hold every trial, and what is read off them."""
+        return Funnels(self)
 
     @cached_property
     def slopes(self) -> SlopeBounds:

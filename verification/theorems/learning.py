@@ -24,7 +24,7 @@ from verification.checks import (
 )
 from verification.checks.error_map_replay import replay_monotone
 from verification.checks.premises import same_plant
-from verification.theorems import conclusion
+from verification.theorems import conclusion, funnel, limit
 from verification.theorems.dossier import Dossier
 from verification.theorems.pictures import figures
 from workbench.contracts.claim import Claim, Held, Range, Role
@@ -61,7 +61,7 @@ def dossiers(campaign: Campaign) -> list[Dossier]:
 
 def claims_of(d: Dossier) -> list[Claim]:
     """Return the claims on one controller, in the order of the paper."""
-    return [*_assumptions(d), *_adaptive(d), *_maps(d), *_increments(d)]
+    return [*_assumptions(d), *_adaptive(d), *_maps(d), *_increments(d), *funnel.claims_of(d), *limit.claims_of(d)]
 
 
 def _claim(

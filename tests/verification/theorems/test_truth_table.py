@@ -10,9 +10,9 @@ import casadi as ca
 import numpy as np
 import pytest
 from judging import judged, over
+from small_plants import small
 
-from models.plant import Plant, signals
-from models.quantity import InvalidValue, declared, quantity
+from models.quantity import InvalidValue
 from verification.checks import assumptions, continuity, convergence, error_map, learning_curve
 from verification.checks.domain import domain
 from verification.checks.wanted import wanted_input
@@ -28,30 +28,6 @@ from workbench.contracts.verdict import Verdict
 from workbench.controllers import ICFDL, PD, Increment
 from workbench.evidence import ppd, sweeps
 from workbench.evidence.trajectory import Lineariser, partial, rollout
-
-
-def small(name: str, equation: Any, states: int = 1, output: int = 0) -> Plant:
-    """Return a plant of dimensionless signals from x_next = equation(x, u, k), x a tuple of ``states`` numbers."""
-
-    def step(self: Any, x: Any, u: Any, w: Any, k: Any) -> Any:
-        return equation(tuple(x), u.u, k)
-
-    def measure(self: Any, x: Any) -> Any:
-        return (x[output],)
-
-    members = {
-        "__annotations__": {"sampling_time": float},
-        "__doc__": f"A small plant: {name}.",
-        "source": "made for tests",
-        "sampling_time": quantity(default=1.0, unit="s", doc="sampling time", above=0),
-        "states": signals(**{f"x{i}": "1" for i in range(states)}),
-        "inputs": signals(u="1"),
-        "outputs": signals(**{f"x{output}": "1"}),
-        "step": step,
-        "output": measure,
-    }
-    return declared(type(name, (Plant,), members))()
-
 
 STATIC = small("Static", lambda x, u, k: (2 * u,))
 SIGN_CHANGING = small("SignChanging", lambda x, u, k: ((u - 1) ** 2,))
