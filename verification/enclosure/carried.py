@@ -60,7 +60,7 @@ class Question:
     """What a sample may add to a state besides, (states,), such as rounding; ``wanted`` holds what a law sees of it."""
 
     def __post_init__(self) -> None:
-        """Raise InvalidValue for a range that is empty or open, and for gains that are none."""
+        """Raise InvalidValue for a range that is empty or no number, and for gains that are none."""
         ranges = {
             "start": self.start, "disturbance": self.disturbance, "parameters": self.parameters,
             "wanted": self.wanted, "plan": self.plan,
@@ -69,9 +69,9 @@ class Question:
             ranges["moves"] = self.moves
         for name, ends in ranges.items():
             low, high = ends[..., 0], ends[..., 1]
-            for i in np.argwhere(~(np.isfinite(low) & np.isfinite(high) & (low <= high)))[:1]:
+            for i in np.argwhere(~(low <= high))[:1]:
                 raise InvalidValue(
-                    f"{name} must hold finite ranges, lower end first, got {ends[tuple(i)].tolist()} at {i.tolist()}"
+                    f"{name} must hold ranges, the lower end first, got {ends[tuple(i)].tolist()} at {i.tolist()}"
                 )
         for name, least in (
             ("most_gain", self.most_gain),

@@ -25,7 +25,7 @@ from verification.enclosure.slopes import gradient
 HALVINGS = 2  # of every box that a goal is enclosed on
 GRID, ROUNDS = 33, 3  # inputs among which an end of the targets is sought, and how often anew between two of them
 TRIES = 60
-LEAST = 1e-300  # by which a search is widened
+LEAST, HUGE = 1e-300, 1e308  # by which a search is widened at least; what stands for a gain without bound
 Ends = tuple[float, float]
 
 
@@ -73,6 +73,8 @@ class Passes:
         found.y[k] = self._range(nx + 1, box, plan)
         if k == n:
             return
+        if not np.isfinite(plan).all():
+            raise _End("undefined")
         target = _outward(self._target(box, plan, _ends(question.wanted[k])))
         found.target[k] = target
         u = plan
@@ -85,7 +87,9 @@ class Passes:
         jolt = np.zeros(nx) if question.jolt is None else question.jolt
         for i in range(nx):
             low, high = self._range(i, box, u)
-            found.x[k + 1, i] = _rounded(Fraction(low) - Fraction(jolt[i]), Fraction(high) + Fraction(jolt[i]))
+            found.x[k + 1, i] = -math.inf, math.inf
+            if math.isfinite(jolt[i]):
+                found.x[k + 1, i] = _rounded(Fraction(low) - Fraction(jolt[i]), Fraction(high) + Fraction(jolt[i]))
 
     def _inputs(self, box: Array, question: Question, plan: Ends, target: Ends) -> Iterator[tuple[Ends, Ends]]:
         """Return the inputs of all trials, and the slopes between them and their targets, better ones last."""
@@ -95,8 +99,10 @@ class Passes:
             region = _hull(u, target)
             slope = self._slope(box, region)
             yield u, slope
-            reach = Fraction(question.most_gain) * Fraction(slope[1])
-            if given or reach <= 1:
+            if given:
+                return
+            reach = Fraction(min(question.most_gain, HUGE)) * Fraction(slope[1])
+            if reach <= 1:
                 return
             if reach >= 2:
                 break
@@ -254,7 +260,7 @@ def _rounded(low: Fraction, high: Fraction) -> Ends:
 
 def _moved(u: Ends, target: Ends, slope: Ends, moves: Ends) -> Ends:
     """Return where inputs are that have moved towards their targets."""
-    shares = [Fraction(one) * Fraction(steep) for one in moves for steep in slope]
+    shares = [Fraction(min(one, HUGE)) * Fraction(steep) for one in moves for steep in slope]
     if not max(shares) < 2:
         raise _End("gain")
     corners = [(1 - s) * Fraction(a) + s * Fraction(t) for s in (min(shares), max(shares)) for a in u for t in target]

@@ -199,9 +199,12 @@ def test_without_a_compiler_sets_are_carried_in_python_and_the_log_says_so_once(
 # ------------------------------------------------------------------ what is refused, and what may interrupt
 
 REFUSED = [
-    ("wanted upside down", {"wanted": np.tile([2.0, 1.0], (sets.FEW, 1))}, "wanted must hold finite ranges"),
-    ("wanted no number", {"wanted": np.full((sets.FEW, 2), np.nan)}, "wanted must hold finite ranges"),
-    ("an open plan", {"plan": np.full((sets.FEW, 2), np.inf)}, "plan must hold finite ranges"),
+    (
+        "wanted upside down",
+        {"wanted": np.tile([2.0, 1.0], (sets.FEW, 1))},
+        "wanted must hold ranges, the lower end first",
+    ),
+    ("wanted no number", {"wanted": np.full((sets.FEW, 2), np.nan)}, "wanted must hold ranges, the lower end first"),
     ("a short plan", {"plan": np.zeros((3, 2))}, r"plan must have shape \(7, 2\), got \(3, 2\)"),
     ("too many states", {"start": np.zeros((2, 2))}, "start must have shape"),
     ("a disturbance that there is not", {"disturbance": np.zeros((sets.FEW, 1, 2))}, "disturbance must have shape"),
@@ -217,6 +220,25 @@ def test_bad_questions_are_refused_in_a_line(more, sentence):
     case = BY_NAME["linear"]
     with pytest.raises(InvalidValue, match=sentence):
         case.recursion().carry(case.question(**more))
+
+
+OPEN = [
+    ("start", {"start": np.array([[-np.inf, np.inf]])}, "unbounded", 0),
+    ("disturbance", {"disturbance": np.tile([-np.inf, np.inf], (sets.FEW, 2, 1))}, "undefined", 0),
+    ("wanted", {"wanted": np.tile([0.0, np.inf], (sets.FEW, 1))}, "unbounded", 0),
+    ("plan", {"plan": np.tile([-np.inf, 0.0], (sets.FEW, 1))}, "undefined", 0),
+    ("gain", {"most_gain": np.inf}, "gain", 0),
+    ("moves", {"moves": np.tile([0.0, np.inf], (sets.FEW, 1))}, "gain", 0),
+    ("jolt", {"jolt": np.array([np.inf])}, "unbounded", 1),
+]
+
+
+@pytest.mark.parametrize(("more", "ended", "sample"), [row[1:] for row in OPEN], ids=[row[0] for row in OPEN])
+def test_what_has_no_bound_proves_nothing(more, ended, sample):
+    case = BY_NAME["disturbance"]
+    for carry in (case.recursion().carry, case.recursion().slowly):
+        found = carry(case.question(**more))
+        assert (found.ended, found.sample) == (ended, sample)
 
 
 def test_bad_plants_are_refused_in_a_line():
