@@ -13,7 +13,7 @@ import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from threading import Lock
 from typing import NamedTuple
@@ -54,6 +54,8 @@ HIGHEST = 64  # powers up to this are made of products
 PARTS = 16
 """Most parts that a box is split into where a bound of it is not exact."""
 
+KEPT = 2**14
+"""Answers that are kept: boxes are looked at for several ends, and their corners again and again."""
 INNER = 10**6
 """Coordinates from here on stand for what depends on one other coordinate alone."""
 
@@ -187,25 +189,11 @@ class Recursion:
         if self._trouble is not None:
             return
         try:
-            self._enclosed(*self._asked[node], told, answer)
+            name, count = self._asked[node]
+            for i, end in enumerate(_enclosed(name, *told[: 2 * count])):
+                answer[i] = end
         except BaseException as error:
             self._trouble = error
-
-    def _enclosed(
-        self, name: str, count: int, told: ctypes.Array[ctypes.c_double], answer: ctypes.Array[ctypes.c_double]
-    ) -> None:
-        spans = [Span(np.array([told[2 * i]]), np.array([told[2 * i + 1]])) for i in range(count)]
-        bad = False
-        with np.errstate(all="ignore"):
-            if name in PARTIAL:
-                value, faults = PARTIAL[name][0](*spans)
-                bad = bool(np.any(faults))
-            else:
-                value = TOTAL[name](*spans)
-            by = partials(name, value, *spans)
-        for i, one in enumerate((value, *by)):
-            answer[2 * i], answer[2 * i + 1] = float(one.lo.ravel()[0]), float(one.hi.ravel()[0])
-        answer[6] = float(not bad)
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
@@ -275,6 +263,22 @@ class Recursion:
                 table.ctypes.data, parts, values.ctypes.data, slopes.ctypes.data,
             )  # fmt: skip
         return values, slopes
+
+
+@lru_cache(maxsize=KEPT)
+def _enclosed(name: str, *told: float) -> tuple[float, ...]:
+    """Enclose an operation on arguments between ends that are told, and its slopes, in the order of the C's answers."""
+    spans = [Span(np.array([low]), np.array([high])) for low, high in zip(told[::2], told[1::2], strict=True)]
+    bad = False
+    with np.errstate(all="ignore"):
+        if name in PARTIAL:
+            value, faults = PARTIAL[name][0](*spans)
+            bad = bool(np.any(faults))
+        else:
+            value = TOTAL[name](*spans)
+        by = partials(name, value, *spans)
+    ends = [float(end.ravel()[0]) for one in (value, *by) for end in one]
+    return (*ends, *[np.nan] * (6 - len(ends)), float(not bad))
 
 
 def _goals(graph: Rewritten) -> tuple[Rewritten, list[int]]:

@@ -273,6 +273,7 @@ def test_an_interrupt_while_the_c_asks_is_raised_and_leaves_no_trace(monkeypatch
     def interrupted(*_):
         raise KeyboardInterrupt
 
+    recursion._enclosed.cache_clear()
     with monkeypatch.context() as context:
         context.setattr(recursion, "partials", interrupted)
         with pytest.raises(KeyboardInterrupt):
