@@ -3,7 +3,8 @@
 The C beside this module evaluates a graph in outward-rounded intervals with slopes, and carries boxes of states through
 the samples of a trial while a law learns; :mod:`verification.checks.funnel` says what that proves. Operations that are
 no arithmetic (sine, exponential) are asked of the balls of :mod:`verification.enclosure.outward`, one by one, unless
-they depend on the sample alone: those are tabulated once.
+they depend on the sample alone: those are tabulated once. Where there is no C compiler,
+:mod:`verification.enclosure.recursion_in_python` carries the sets.
 """
 
 from __future__ import annotations

@@ -121,6 +121,33 @@ def test_ranges_of_many_parts_come_near_those_of_branch_and_bound(expression, x,
     assert near[1] - near[0] <= 1.1 * (most - least)
 
 
+PARTED = [
+    ("each by itself", lambda x, u, k: ca.sin(x[0]) + x[1] * u + ca.fmax(x[1], 0.2)),
+    ("a coordinate beside its part", lambda x, u, k: x[0] + ca.sin(x[0]) * u - x[1] ** 2),
+    ("two parts of a coordinate", lambda x, u, k: ca.sin(x[0]) * u + ca.cos(x[0]) * x[1]),
+    ("a part within a part", lambda x, u, k: ca.sin(x[0] ** 2) * x[1] + x[0] ** 2),
+    ("a part by the sample", lambda x, u, k: ca.sin(x[0] * k) + ca.cos(k) * x[1] * u),
+    ("a part that may not exist", lambda x, u, k: ca.if_else(x[1] > 0.5, ca.sqrt(x[0]), u) + ca.fabs(x[0])),
+    ("a part in both branches", lambda x, u, k: ca.if_else(x[0] ** 2 > 0.3, x[0] ** 2 * u, x[1] * ca.sin(x[0] ** 2))),
+    ("nothing but a part", lambda x, u, k: ca.exp(-(x[0] ** 2)) * ca.fmin(x[0], 0.3)),
+]
+
+
+@pytest.mark.parametrize("expression", [row[1] for row in PARTED], ids=[row[0] for row in PARTED])
+def test_parts_that_stand_for_coordinates_change_no_value(expression):
+    plant = sets.small(lambda x, u, w, k: (expression(ca.vertsplit(x.vector), u.u0, k), x.x1), states=2)
+    carrier, rng = Recursion(plant, 3), np.random.default_rng(3)
+    run, boxes, samples = plant.step_function(), np.zeros((40, 4, 2)), rng.integers(0, 4, 40)
+    ends = np.sort(rng.uniform(-1.5, 1.5, (40, 3, 2)), axis=-1)
+    boxes[:, [0, 1, 3]], boxes[:, 2] = ends, samples[:, None]
+    found = carrier.enclose(0, boxes, samples, 6)[0]
+    for box, (low, high), k in zip(ends, found, samples, strict=True):
+        for point in [box[:, 0], box[:, 1], *rng.uniform(box[:, 0], box[:, 1], (10, 3))]:
+            value = float(run(point[:2], point[2], ca.DM(0, 1), k)[0])
+            assert np.isnan(value) or low - 1e-12 <= value <= high + 1e-12
+    assert np.isfinite(found).mean() > 0.5
+
+
 # ------------------------------------------------------------------ passes
 
 
