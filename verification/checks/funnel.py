@@ -115,13 +115,9 @@ class Maker:
         """Return what one sample rounds of the states, and what the law rounds of the increments of the error."""
         at = self.plant.symbols()
         p = ca.vertcat(*self.symbols) if self.symbols else ca.SX(0, 1)
-        step = ca.Function(
-            "step",
-            [*at.values(), p],
-            [self.plant.next_state(**at), self.plant.measured(at["x"])],
-            [*at, "p"],
-            ["x_next", "y"],
-        )
+        x_next, y = self.plant.next_state(**at), self.plant.measured(at["x"])
+        y_next = ca.substitute(y, at["x"], x_next)
+        step = ca.Function("step", [*at.values(), p], [x_next, y, y_next], [*at, "p"], ["x_next", "y", "y_next"])
         low, high = self.scope.disturbance
         within = {
             "x": _around(carried.x),
@@ -134,7 +130,7 @@ class Maker:
         }
         off = rounding(step, Box(within, whole=("k",)))
         largest = float(np.abs(carried.y).max() + np.abs(self.reference).max() + self.scope.noise[0])
-        return off["x_next"].ravel(), PLACES * largest + 4 * float(off["y"].max())
+        return off["x_next"].ravel(), PLACES * largest + 4 * float(off["y"].max()) + float(off["y_next"].max())
 
     def carry(self, question: Question) -> Carried | Open:
         """Return the sets, or why they are not to be had."""

@@ -4,9 +4,14 @@
    interval that holds its values and, by every coordinate that it depends on, one that holds its slopes. Compile
    without contraction of products and sums, and run in rounding to nearest with subnormal numbers. */
 
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
+
+#if !defined(FLT_EVAL_METHOD) || FLT_EVAL_METHOD != 0
+#error "doubles must be computed as doubles"
+#endif
 
 enum {
     INPUT, CONSTANT, ADD, SUB, MUL, DIV, NEG, INV, TWICE, SQ, SQRT, FABS, FMIN, FMAX, SIGN, FLOOR, CEIL, LT, LE, EQ,
@@ -15,8 +20,11 @@ enum {
 
 typedef struct { double lo, hi; } span;
 
-/* What is asked of the caller: an operation, the ends of its arguments; value, slopes by the arguments, fault. */
-typedef int (*asking)(int node, const double *arguments, double *answer);
+/* What is asked of the caller: an operation, the ends of its arguments; value, slopes by the arguments, and last
+   HOLDS where they do. Whoever comes back without an answer has said that nothing is known. */
+typedef void (*asking)(int node, const double *arguments, double *answer);
+enum { ANSWERS = 7 };
+#define HOLDS 1.0
 
 /* What a goal of a program takes: its node, and the operations that it needs, in order. */
 typedef struct { int node, count; const int *list; } goal;
@@ -33,7 +41,7 @@ typedef struct {
 } program;
 
 static const double INF = INFINITY;
-static const span ALL = {-INFINITY, INFINITY}, NOTHING = {0.0, 0.0}, UNIT = {1.0, 1.0}, SHARE = {0.0, 1.0};
+static const span ALL = {-INFINITY, INFINITY}, NOTHING = {0.0, 0.0}, UNIT = {1.0, 1.0};
 
 static double above(double x) {
     int64_t bits;
@@ -83,12 +91,12 @@ static double product_up(double x, double y) {
 }
 static double quotient_down(double x, double y) {
     double q = x / y;
-    if (isnan(q)) return 0.0; /* both infinite: other corners bound the quotient */
+    if (x == 0 || isnan(q)) return 0.0; /* both infinite: the other end bounds the quotient */
     return q * y == x && product_error(q, y, x) == 0 ? q : below(q);
 }
 static double quotient_up(double x, double y) {
     double q = x / y;
-    if (isnan(q)) return 0.0;
+    if (x == 0 || isnan(q)) return 0.0;
     return q * y == x && product_error(q, y, x) == 0 ? q : above(q);
 }
 
@@ -122,11 +130,10 @@ static span mul(span x, span y) {
 static span over(span x, span y) { /* ALL where the divisor may be zero */
     span r;
     if (holds_zero(y)) return ALL;
-    r.lo = smaller(smaller(quotient_down(x.lo, y.lo), quotient_down(x.lo, y.hi)),
-                   smaller(quotient_down(x.hi, y.lo), quotient_down(x.hi, y.hi)));
-    r.hi = larger(larger(quotient_up(x.lo, y.lo), quotient_up(x.lo, y.hi)),
-                  larger(quotient_up(x.hi, y.lo), quotient_up(x.hi, y.hi)));
-    if (x.lo >= 0 && y.lo > 0 && !(r.lo >= 0)) r.lo = 0;
+    if (y.hi < 0) x = neg(x), y = neg(y);
+    r.lo = quotient_down(x.lo, x.lo >= 0 ? y.hi : y.lo);
+    r.hi = quotient_up(x.hi, x.hi >= 0 ? y.lo : y.hi);
+    if (x.lo >= 0 && !(r.lo >= 0)) r.lo = 0;
     return r;
 }
 
@@ -179,6 +186,17 @@ static span equal(span x, span y) { span r = {x.lo == y.hi && x.hi == y.lo, x.lo
 static span negation(span x) { span r = {1.0 - x.hi, 1.0 - x.lo}; return r; }
 static span signs(span x) { span r = {(x.lo > 0) - (x.lo < 0), (x.hi > 0) - (x.hi < 0)}; return r; }
 
+static span slope_of(const program *p, int node, int coordinate) {
+    return p->depends[node] >> coordinate & 1 ? p->slope[(size_t)node * p->coordinates + coordinate] : NOTHING;
+}
+/* A slope times the slope of what is made of it, which is mostly 0 or 1. */
+static span chained(span g, span by) {
+    if (by.lo == 1 && by.hi == 1) return g;
+    if ((by.lo == 0 && by.hi == 0) || (g.lo == 0 && g.hi == 0)) return NOTHING;
+    if (by.lo == -1 && by.hi == -1) return neg(g);
+    return known(g.lo == 1 && g.hi == 1 ? by : mul(g, by));
+}
+
 /* Evaluate some operations of a program, in order, on a box of coordinates and readings. */
 static void evaluate(const program *p, const int *list, int count, const span *box, const span *readings, int slopes) {
     int n = p->coordinates, at, i;
@@ -210,7 +228,8 @@ static void evaluate(const program *p, const int *list, int count, const span *b
         case MUL: v = mul(x, y), da = y, db = x; break;
         case DIV:
             bad = holds_zero(y), v = over(x, y);
-            if (slopes) da = over(UNIT, y), db = neg(over(v, y));
+            if (slopes && p->depends[a]) da = over(UNIT, y);
+            if (slopes && p->depends[b]) db = neg(over(v, y));
             break;
         case INV:
             bad = holds_zero(x), v = over(UNIT, x);
@@ -227,11 +246,18 @@ static void evaluate(const program *p, const int *list, int count, const span *b
             }
             break;
         case FABS: v = magnitude(x), da = signs(x); break;
-        case FMIN: case FMAX:
-            if (op == FMIN) v.lo = smaller(x.lo, y.lo), v.hi = smaller(x.hi, y.hi), da = less(x, y), db = less(y, x);
-            else v.lo = larger(x.lo, y.lo), v.hi = larger(x.hi, y.hi), da = less(y, x), db = less(x, y);
-            if (da.hi == 0 && db.hi == 0) da = db = SHARE;
+        case FMIN: case FMAX: { /* what is not decided has slopes between those of both */
+            span first = op == FMIN ? less(x, y) : less(y, x), second = op == FMIN ? less(y, x) : less(x, y);
+            if (op == FMIN) v.lo = smaller(x.lo, y.lo), v.hi = smaller(x.hi, y.hi);
+            else v.lo = larger(x.lo, y.lo), v.hi = larger(x.hi, y.hi);
+            if (slopes)
+                for (i = 0; i < n; i++)
+                    if (mask >> i & 1) {
+                        span gx = slope_of(p, a, i), gy = slope_of(p, b, i);
+                        out[i] = second.hi == 0 && first.hi ? gx : first.hi == 0 && second.hi ? gy : hull(gx, gy);
+                    }
             break;
+        }
         case SIGN: v = signs(x); break;
         case FLOOR: v.lo = floor(x.lo), v.hi = floor(x.hi); break;
         case CEIL: v.lo = ceil(x.lo), v.hi = ceil(x.hi); break;
@@ -262,26 +288,29 @@ static void evaluate(const program *p, const int *list, int count, const span *b
             if (op == SELECT && h.lo != 1) fault |= p->fault[c];
             v = h.lo == 1 ? y : h.hi == 0 ? z : hull(y, z);
             if (slopes)
-                for (i = 0; i < n; i++) {
-                    uint64_t bit = (uint64_t)1 << i;
-                    span gy = p->depends[b] & bit ? p->slope[(size_t)b * n + i] : NOTHING;
-                    span gz = op == SELECT && p->depends[c] & bit ? p->slope[(size_t)c * n + i] : NOTHING;
-                    if (!(mask & bit)) continue;
-                    if (h.lo == 1 || h.hi == 0) out[i] = h.lo == 1 ? gy : gz;
-                    else out[i] = p->depends[a] & bit ? ALL : hull(gy, gz);
-                }
+                for (i = 0; i < n; i++)
+                    if (mask >> i & 1) {
+                        span gy = slope_of(p, b, i), gz = op == SELECT ? slope_of(p, c, i) : NOTHING;
+                        if (h.lo == 1 || h.hi == 0) out[i] = h.lo == 1 ? gy : gz;
+                        else out[i] = p->depends[a] >> i & 1 ? ALL : hull(gy, gz);
+                    }
             break;
         }
-        case MEET:
+        case MEET: /* one quantity in two forms: along one coordinate the slopes of both hold */
             fault = p->fault[b], v = p->fault[a] ? y : meet(x, y);
             if (slopes)
                 for (i = 0; i < n; i++)
-                    if (mask >> i & 1) out[i] = p->depends[b] >> i & 1 ? p->slope[(size_t)b * n + i] : NOTHING;
+                    if (mask >> i & 1) {
+                        span gx = slope_of(p, a, i), gy = slope_of(p, b, i), both = meet(gx, gy);
+                        out[i] = p->fault[a] || both.lo > both.hi ? gy : both;
+                    }
             break;
         default: { /* ASKED */
-            double told[4] = {x.lo, x.hi, y.lo, y.hi}, answer[6];
+            double told[4] = {x.lo, x.hi, y.lo, y.hi}, answer[ANSWERS];
             if (fault) break;
-            bad = p->ask(k, told, answer);
+            for (i = 0; i < ANSWERS; i++) answer[i] = NAN;
+            p->ask(k, told, answer);
+            bad = answer[ANSWERS - 1] != HOLDS;
             v.lo = answer[0], v.hi = answer[1];
             da.lo = answer[2], da.hi = answer[3], db.lo = answer[4], db.hi = answer[5];
         }
@@ -292,14 +321,22 @@ static void evaluate(const program *p, const int *list, int count, const span *b
         fault |= bad;
         p->fault[k] = fault;
         p->value[k] = fault ? ALL : known(v);
-        if (!slopes || op == IF_ELSE_ZERO || op == SELECT || op == MEET) continue;
+        if (!slopes) continue;
+        if (fault) {
+            for (i = 0; i < n; i++)
+                if (mask >> i & 1) out[i] = ALL;
+            continue;
+        }
+        if (op == FMIN || op == FMAX || op == IF_ELSE_ZERO || op == SELECT || op == MEET) continue;
         da = known(da), db = known(db);
-        for (i = 0; i < n; i++) {
+        for (i = 0; i < n && mask >> i; i++) {
             span g = NOTHING;
             if (!(mask >> i & 1)) continue;
-            if (fault) { out[i] = ALL; continue; }
-            if (p->depends[a] >> i & 1) g = known(mul(p->slope[(size_t)a * n + i], da));
-            if (b >= 0 && p->depends[b] >> i & 1) g = known(add(g, known(mul(p->slope[(size_t)b * n + i], db))));
+            if (p->depends[a] >> i & 1) g = chained(p->slope[(size_t)a * n + i], da);
+            if (b >= 0 && p->depends[b] >> i & 1) {
+                span h = chained(p->slope[(size_t)b * n + i], db);
+                g = p->depends[a] >> i & 1 ? known(add(g, h)) : h;
+            }
             out[i] = g;
         }
     }
@@ -309,11 +346,31 @@ static void evaluate(const program *p, const int *list, int count, const span *b
 
 static int bounded(span x) { return isfinite(x.lo) && isfinite(x.hi); }
 
+/* Where to cut a box along a coordinate that costs: the kink nearest to the middle that this coordinate alone crosses,
+   else the middle. ``held`` was evaluated last, or holds what was. Any place is as right as another. */
+static double cut_of(const program *p, goal g, const span *held, int by) {
+    double middle = held[by].lo / 2 + held[by].hi / 2, best = middle, nearest = INF;
+    int at;
+    for (at = 0; at < g.count; at++) {
+        int k = g.list[at], op = p->op[k], a = p->a[k], b = p->b[k];
+        span d, s;
+        double rate, kink;
+        if ((op != FMIN && op != FMAX && op != FABS) || p->depends[k] != (uint64_t)1 << by || p->fault[k]) continue;
+        d = op == FABS ? p->value[a] : sub(p->value[a], p->value[b]);
+        s = op == FABS ? slope_of(p, a, by) : sub(slope_of(p, a, by), slope_of(p, b, by));
+        rate = s.lo / 2 + s.hi / 2;
+        kink = (rate > 0 ? held[by].lo : held[by].hi) - d.lo / rate;
+        if (kink > held[by].lo && kink < held[by].hi && fabs(kink - middle) < nearest)
+            nearest = fabs(kink - middle), best = kink;
+    }
+    return best;
+}
+
 /* One end of a goal on a box, kept in ``held``: plain, with monotone coordinates held at their better ends, and by the
    mean value. ``steep`` gets the coordinate that costs most, -1 where none does; ``met`` a value that is taken, rounded
    to the unfavourable side. ``looked`` says that the box was evaluated last, with slopes. */
-static double one_end(const program *p, goal g, span *held, const span *readings, int lower, int *steep, double *met,
-                      int looked) {
+static double one_end(const program *p, goal g, span *held, const span *readings, int lower, int *steep, double *cut,
+                      double *met, int looked) {
     span slope[MOST], mid[MOST], change;
     int n = p->coordinates, i, round, moved = 1, sloped = 1;
     uint64_t on = p->depends[g.node];
@@ -343,6 +400,7 @@ static double one_end(const program *p, goal g, span *held, const span *readings
         if (cost > worst) worst = cost, *steep = i;
         mid[i].lo = mid[i].hi = smaller(held[i].hi, larger(held[i].lo, held[i].lo / 2 + held[i].hi / 2));
     }
+    if (*steep >= 0) *cut = cut_of(p, g, held, *steep);
     if (sloped && !moved && *steep < 0 && !p->fault[g.node]) { /* what was looked at last is one point, or no wider */
         *met = lower ? p->value[g.node].hi : p->value[g.node].lo;
         return best;
@@ -365,13 +423,14 @@ static double one_end(const program *p, goal g, span *held, const span *readings
 static double end_of(const program *p, goal g, const span *box, const span *readings, int lower, int parts,
                      int looked) {
     static _Thread_local span kept[PARTS][MOST];
-    double bound[PARTS], first, met, sign = lower ? 1 : -1, best, aim;
+    double bound[PARTS], cut[PARTS], first, met, sign = lower ? 1 : -1, best, aim;
     int n = p->coordinates, steep[PARTS], count = 1, i, worst;
     size_t size = n * sizeof(span);
     memcpy(kept[0], box, size);
-    bound[0] = first = sign * one_end(p, g, kept[0], readings, lower, &steep[0], &met, looked);
+    bound[0] = first = sign * one_end(p, g, kept[0], readings, lower, &steep[0], &cut[0], &met, looked);
     best = sign * met;
     aim = NEAR * (best - first);
+    if (!isfinite(aim)) aim = 0; /* where nothing is known yet */
     while (count + 1 < parts && count + 1 < PARTS) {
         int made;
         for (i = 1, worst = 0; i < count; i++)
@@ -379,12 +438,12 @@ static double end_of(const program *p, goal g, const span *box, const span *read
         if (!(bound[worst] < best - aim) || steep[worst] < 0) break;
         i = steep[worst];
         memcpy(kept[count], kept[worst], size);
-        met = kept[worst][i].lo / 2 + kept[worst][i].hi / 2;
+        met = cut[worst];
         if (!(met > kept[worst][i].lo && met < kept[worst][i].hi)) break;
         kept[worst][i].hi = kept[count][i].lo = met;
         first = bound[worst];
         for (made = worst, i = 0; i < 2; i++, made = count) {
-            double found = sign * one_end(p, g, kept[made], readings, lower, &steep[made], &met, 0);
+            double found = sign * one_end(p, g, kept[made], readings, lower, &steep[made], &cut[made], &met, 0);
             bound[made] = larger(first, found);
             best = smaller(best, sign * met);
         }
@@ -442,6 +501,14 @@ typedef struct {
 
 static double middle(span x) { return x.lo / 2 + x.hi / 2; }
 
+/* Inputs at which a goal takes a wanted value, if at one input it lies in f and its slopes from there on in b. */
+static span reached(double from, span f, span b, span wanted) {
+    double up = sum_up(wanted.hi, -f.lo), down = sum_down(wanted.lo, -f.hi);
+    span found = {sum_down(from, quotient_down(down, down < 0 ? b.lo : b.hi)),
+                  sum_up(from, quotient_up(up, up > 0 ? b.lo : b.hi))};
+    return found;
+}
+
 /* Inputs with which a goal, rising in the input, takes a wanted value from every point of a box. */
 static int solve(const program *p, const pass *q, span *box, const span *readings, span wanted, double from,
                  span *target, span *slope) {
@@ -452,11 +519,10 @@ static int solve(const program *p, const pass *q, span *box, const span *reading
     if (!bounded(f)) return UNDEFINED;
     b = slope_by(p, q->gained, box, readings, in);
     for (tries = 0; tries < 60; tries++) {
-        double up = sum_up(wanted.hi, -f.lo), down = sum_down(wanted.lo, -f.hi), room;
+        double room;
         if (!bounded(b)) return UNDEFINED;
         if (!(b.lo > 0)) return tries ? UNREACHED : NOT_RISING;
-        found.hi = sum_up(from, quotient_up(up, up > 0 ? b.lo : b.hi));
-        found.lo = sum_down(from, quotient_down(down, down < 0 ? b.lo : b.hi));
+        found = reached(from, f, b, wanted);
         if (!bounded(found)) return UNBOUNDED;
         if (tries && found.lo >= region.lo && found.hi <= region.hi) break;
         region.lo = smaller(smaller(region.lo, found.lo), from), region.hi = larger(larger(region.hi, found.hi), from);
@@ -466,15 +532,23 @@ static int solve(const program *p, const pass *q, span *box, const span *reading
         b = slope_by(p, q->gained, box, readings, in);
     }
     if (tries == 60) return UNREACHED;
-    if (b.lo < b.hi) /* nearer, by what is left or too much at either end */
-        for (tries = 0; tries < 4; tries++) {
-            double left;
-            box[in].lo = box[in].hi = found.hi;
+    if (b.lo < b.hi) /* nearer: the targets lie between the ends found, and so do the slopes that matter */
+        for (tries = 0; tries < 12; tries++) {
+            double at = smaller(found.hi, larger(found.lo, middle(found))), width = found.hi - found.lo, left;
+            span steep, nearer;
+            box[in] = found;
+            steep = slope_by(p, q->gained, box, readings, in);
+            if (!(steep.lo > 0)) break;
+            box[in].lo = box[in].hi = at;
+            nearer = meet(found, reached(at, both_ends(p, q->gained, box, readings, q->parts), steep, wanted));
+            if (nearer.lo <= nearer.hi) found = nearer;
+            box[in].lo = box[in].hi = found.hi; /* by what is too much at the upper end, and left at the lower */
             left = sum_down(end_of(p, q->gained, box, readings, 1, q->parts, 0), -wanted.hi);
-            if (left > 0) found.hi = larger(sum_up(found.hi, -quotient_down(left, b.hi)), found.lo);
+            if (left > 0) found.hi = larger(sum_up(found.hi, -quotient_down(left, steep.hi)), found.lo);
             box[in].lo = box[in].hi = found.lo;
             left = sum_down(wanted.lo, -end_of(p, q->gained, box, readings, 0, q->parts, 0));
-            if (left > 0) found.lo = smaller(sum_down(found.lo, quotient_down(left, b.hi)), found.hi);
+            if (left > 0) found.lo = smaller(sum_down(found.lo, quotient_down(left, steep.hi)), found.hi);
+            if (!(found.hi - found.lo < 0.99 * width)) break;
         }
     *target = found, *slope = b;
     return FINE;
@@ -535,7 +609,7 @@ int carry(const program *p, const pass *q) {
                 to = add(mul(rest, u), mul(at[i], t));
                 q->after[k] = i ? hull(q->after[k], to) : to;
             }
-            if (share.hi <= 1) q->after[k] = meet(q->after[k], hull(u, t));
+            if (share.lo >= 0 && share.hi <= 1) q->after[k] = meet(q->after[k], hull(u, t));
         }
         box[in] = u;
         for (i = 0; i < nx; i++) {

@@ -3,17 +3,21 @@
 The C beside this module evaluates a graph in outward-rounded intervals with slopes, and carries boxes of states through
 the samples of a trial while a law learns; :mod:`verification.checks.funnel` says what that proves. Operations that are
 no arithmetic (sine, exponential) are asked of the balls of :mod:`verification.enclosure.outward`, one by one, unless
-they depend on the sample alone: those are tabulated once.
+they depend on the sample alone: those are tabulated once. Where there is no C compiler,
+:mod:`verification.enclosure.recursion_in_python` carries the sets.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import cache, lru_cache
 from pathlib import Path
-from typing import Literal, NamedTuple
+from threading import Lock
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -23,14 +27,19 @@ from models.array import Array
 from models.plant import Plant
 from models.quantity import InvalidValue
 from verification.enclosure import outward
+from verification.enclosure.carried import ENDS
+from verification.enclosure.carried import Carried as Carried
+from verification.enclosure.carried import Question as Question
 from verification.enclosure.interval import PARTIAL, TOTAL, reason
 from verification.enclosure.outward import Span
+from verification.enclosure.recursion_in_python import Passes
 from verification.enclosure.rewriting import COVER, MEET, SELECT, Quantity, Rewritten, rewritten
 from verification.enclosure.slopes import partials
 from verification.enclosure.whole import readings_at
 from workbench.fold.machine_code import library
 from workbench.graph.operations import CONSTANT, INPUT
 
+log = logging.getLogger("workbench")
 _NATIVE = (
     INPUT, CONSTANT, "add", "sub", "mul", "div", "neg", "inv", "twice", "sq", "sqrt", "fabs", "fmin", "fmax", "sign",
     "floor", "ceil", "lt", "le", "eq", "ne", "not", "and", "or", "if_else_zero", SELECT, COVER, MEET, "whole_power",
@@ -46,14 +55,12 @@ HIGHEST = 64  # powers up to this are made of products
 PARTS = 16
 """Most parts that a box is split into where a bound of it is not exact."""
 
+KEPT = 2**14
+"""Answers that are kept: boxes are looked at for several ends, and their corners again and again."""
 INNER = 10**6
 """Coordinates from here on stand for what depends on one other coordinate alone."""
 
-Ended = Literal["fine", "undefined", "unreached", "not rising", "gain", "unbounded"]
-ENDS: tuple[Ended, ...] = ("fine", "undefined", "unreached", "not rising", "gain", "unbounded")
-"""How a pass may end, in the order in which the C counts them."""
-
-_Asking = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_double))
+_Asking = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_double))
 _ints, _spans = ctypes.POINTER(ctypes.c_int), ctypes.c_void_p
 
 
@@ -81,60 +88,20 @@ class _Pass(ctypes.Structure):
     )  # fmt: skip
 
 
-class Carried(NamedTuple):
-    """Sets by sample; the last axis holds the lower and the upper end. Where a pass ended early, NaN from there on."""
-
-    x: Array
-    """States, (N + 1, states, 2)."""
-    y: Array
-    """Output, (N + 1, 2)."""
-    u: Array
-    """Inputs, (N, 2)."""
-    target: Array
-    """Inputs with which the learned signal gains what is wanted, from every state of the set, (N, 2)."""
-    slope: Array
-    """Slope of that gain by the input, (N, 2)."""
-    after: Array
-    """Where inputs that were given may be in the next trial, (N, 2)."""
-    ended: Ended
-    """``fine``, or why it ended."""
-    sample: int
-    """The sample at which it ended; -1 where it did not."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Question:
-    """What a pass is asked about; rows are samples, the last axis holds the lower and the upper end."""
-
-    start: Array
-    """States with which trials begin, (states, 2)."""
-    disturbance: Array
-    """(N, disturbances, 2)."""
-    parameters: Array
-    """(parameters, 2)."""
-    wanted: Array
-    """What the learned signal should gain at a sample, widened by noise, (N, 2)."""
-    plan: Array
-    """First plan, or the inputs that are given, (N, 2)."""
-    most_gain: float
-    """The largest learning gain."""
-    moves: Array | None = None
-    """Learning gains of a trial whose inputs are given, (N, 2); None: what every trial may meet is asked for."""
-    settled: bool = False
-    """Whether to ask where inputs end up when trials go on without end, in place of where they may ever be."""
-    jolt: Array | None = None
-    """What a sample may add to a state besides, such as rounding, (states,)."""
-
-
 class Recursion:
     """One plant with one input and one output, made ready to carry sets through N samples.
 
     ``parameters`` are symbols in the plant's equations. Raises InvalidValue where the plant is no graph, has an
-    operation without a rule, or too many signals.
+    operation without a rule, another number of inputs or outputs, or too many signals. Threads take turns.
     """
 
     def __init__(self, plant: Plant, samples: int, parameters: Sequence[ca.SX] = ()) -> None:
         self.plant, self.samples = plant, samples
+        if samples < 1:
+            raise InvalidValue(f"samples must be at least 1, got {samples}")
+        for what, names in (("input", plant.inputs), ("output", plant.outputs)):
+            if len(names) != 1:
+                raise InvalidValue(f"sets are carried for plants with one {what}, got {len(names)}")
         at = plant.symbols()
         x_next, y = plant.next_state(**at), plant.measured(at["x"])
         after = ca.substitute(plant.measured(at["x"]), at["x"], x_next)
@@ -155,9 +122,12 @@ class Recursion:
         if self.width > MOST:
             raise InvalidValue(f"states, disturbances and parameters must be at most {MOST - 2}, got {self.width - 2}")
         self._k = self.width - 2
+        self._turn = Lock()
+        self._trouble: BaseException | None = None
         graph, goals = _goals(graph)
         whole = np.arange(self.width) == self._k
         self.read = readings_at(graph, tuple(goals), whole, np.arange(samples + 1.0))
+        self._plain = tuple(goals)
         self.graph, self.goals, self.within = apart(self.read.graph, goals, range(self._k))
         self.coordinates = self.width + len(self.within)
         if self.coordinates > MOST:
@@ -215,28 +185,34 @@ class Recursion:
         )  # fmt: skip
         self._table = np.ascontiguousarray(np.stack([self.read.lower.T, self.read.upper.T], axis=-1))
 
-    def _answer(self, node: int, told: ctypes.Array[ctypes.c_double], answer: ctypes.Array[ctypes.c_double]) -> int:
-        """Enclose an operation that is no arithmetic, and its slopes."""
-        name, count = self._asked[node]
-        spans = [Span(np.array([told[2 * i]]), np.array([told[2 * i + 1]])) for i in range(count)]
-        bad = False
-        with np.errstate(all="ignore"):
-            if name in PARTIAL:
-                value, faults = PARTIAL[name][0](*spans)
-                bad = bool(np.any(faults))
-            else:
-                value = TOTAL[name](*spans)
-            by = partials(name, value, *spans)
-        for i, one in enumerate((value, *by)):
-            answer[2 * i], answer[2 * i + 1] = float(one.lo.ravel()[0]), float(one.hi.ravel()[0])
-        return int(bad)
+    def _answer(self, node: int, told: ctypes.Array[ctypes.c_double], answer: ctypes.Array[ctypes.c_double]) -> None:
+        """Enclose an operation that is no arithmetic, and its slopes; what goes wrong is raised when the C is done."""
+        if self._trouble is not None:
+            return
+        try:
+            name, count = self._asked[node]
+            for i, end in enumerate(_enclosed(name, *told[: 2 * count])):
+                answer[i] = end
+        except BaseException as error:
+            self._trouble = error
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Let one thread at a time use what the C writes on, and raise what went wrong while it asked."""
+        if not outward.arithmetic_is_ieee():
+            raise InvalidValue("this process must round to nearest and keep subnormals for its sets to be rigorous")
+        with self._turn:
+            self._trouble = None
+            yield
+            if self._trouble is not None:
+                raise self._trouble
 
     def _boxes(self, question: Question) -> Array:
         """Return the ranges of all coordinates but states and input, by sample, (N + 1, coordinates, 2)."""
         n, nx, nw = self.samples, self.states, self.disturbances
         fixed = np.zeros((n + 1, self.coordinates, 2))
         fixed[:n, nx : nx + nw] = question.disturbance
-        fixed[n, nx : nx + nw] = question.disturbance[-1] if n else 0.0
+        fixed[n, nx : nx + nw] = question.disturbance[-1]
         fixed[:, nx + nw : nx + nw + self.parameters] = question.parameters
         fixed[:, self._k] = np.arange(n + 1.0)[:, None]
         return fixed
@@ -244,6 +220,10 @@ class Recursion:
     def carry(self, question: Question) -> Carried:
         """Carry the set of states through all samples."""
         n, nx = self.samples, self.states
+        question.fits(n, nx, self.disturbances, self.parameters)
+        c = _c()
+        if c is None:
+            return self.slowly(question)
         x, y = np.full((n + 1, nx, 2), np.nan), np.full((n + 1, 2), np.nan)
         u, target, slope, after = (np.full((n, 2), np.nan) for _ in range(4))
         failed = ctypes.c_int(-1)
@@ -259,21 +239,47 @@ class Recursion:
             n, nx, self.width - 1, mode, PARTS, goals, self._goals[nx], self._goals[nx + 1], question.most_gain,
             *(one.ctypes.data for one in (*arrays, x, y, u, target, slope, after)), ctypes.pointer(failed),
         )  # fmt: skip
-        ended = ENDS[_c().carry(ctypes.byref(self._program), ctypes.byref(asked))]
+        with self._alone():
+            ended = ENDS[c.carry(ctypes.byref(self._program), ctypes.byref(asked))]
         return Carried(x, y, u, target, slope, after, ended, int(failed.value))
+
+    def slowly(self, question: Question) -> Carried:
+        """Carry the set of states through all samples in Python: much slower, and sets may be a little wider."""
+        question.fits(self.samples, self.states, self.disturbances, self.parameters)
+        fixed = self._boxes(question)[:, : self.width]
+        return Passes(graph=self.read.graph, goals=self._plain, table=self._table, fixed=fixed).carry(question)
 
     def enclose(self, goal: int, boxes: Array, samples: NDArray[np.int64], parts: int = 1) -> tuple[Array, Array]:
         """Enclose a goal on boxes, (boxes, coordinates, 2) at samples: values (boxes, 2) and slopes by coordinate."""
-        count = len(boxes)
+        count, c = len(boxes), _c()
+        if c is None:
+            raise InvalidValue("boxes are enclosed by machine code: a C compiler is needed (set CC to one)")
         given = np.zeros((count, self.coordinates, 2))
         given[:, : self.width] = boxes
         table = np.ascontiguousarray(self._table[samples])
         values, slopes = np.zeros((count, 2)), np.zeros((count, self.coordinates, 2))
-        _c().enclose(
-            ctypes.byref(self._program), ctypes.byref(self._goals[goal]), count, given.ctypes.data, table.ctypes.data,
-            parts, values.ctypes.data, slopes.ctypes.data,
-        )  # fmt: skip
+        with self._alone():
+            c.enclose(
+                ctypes.byref(self._program), ctypes.byref(self._goals[goal]), count, given.ctypes.data,
+                table.ctypes.data, parts, values.ctypes.data, slopes.ctypes.data,
+            )  # fmt: skip
         return values, slopes
+
+
+@lru_cache(maxsize=KEPT)
+def _enclosed(name: str, *told: float) -> tuple[float, ...]:
+    """Enclose an operation on arguments between ends that are told, and its slopes, in the order of the C's answers."""
+    spans = [Span(np.array([low]), np.array([high])) for low, high in zip(told[::2], told[1::2], strict=True)]
+    bad = False
+    with np.errstate(all="ignore"):
+        if name in PARTIAL:
+            value, faults = PARTIAL[name][0](*spans)
+            bad = bool(np.any(faults))
+        else:
+            value = TOTAL[name](*spans)
+        by = partials(name, value, *spans)
+    ends = [float(end.ravel()[0]) for one in (value, *by) for end in one]
+    return (*ends, *[np.nan] * (6 - len(ends)), float(not bad))
 
 
 def _goals(graph: Rewritten) -> tuple[Rewritten, list[int]]:
@@ -328,14 +334,17 @@ def apart(graph: Rewritten, goals: Sequence[int], coordinates: range) -> Parted:
 
 
 @cache
-def _c() -> ctypes.CDLL:
+def _c() -> ctypes.CDLL | None:
     source = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
     found = library("recursion", source)
     if found is None:
-        raise InvalidValue("sets are carried by machine code: a C compiler is needed (set CC to one)")
-    if not outward.arithmetic_is_ieee():
-        raise InvalidValue("this process must round to nearest and keep subnormals for its sets to be rigorous")
-    loaded = ctypes.CDLL(str(found))
+        log.warning("sets are carried from sample to sample in Python, some hundred times slower")
+        return None
+    return declared(ctypes.CDLL(str(found)))
+
+
+def declared(loaded: ctypes.CDLL) -> ctypes.CDLL:
+    """Return a library of the C with what its functions take and return."""
     loaded.enclose.argtypes = [
         ctypes.c_void_p,
         ctypes.c_void_p,
