@@ -24,6 +24,8 @@ from workbench.trials.campaign import run
 Bound = tuple[float | None, float | None]
 SHARES = (1.0, 0.98, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0)
 """Shares of the nominal model's inverse that are tried as first plans, the most likely first."""
+PROBE = 0.125
+"""A first plan by which it is seen whether a law takes one."""
 HALVINGS = 7
 TAMED = 0.999
 """The largest l_max B that a learning gain is lowered to."""
@@ -95,6 +97,9 @@ def safe_plan(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> S
     """
     name, alone = _alone(study, law, bounds)
     tried: list[Tried] = []
+    if not _takes_plans(alone, name):
+        why = "it begins with a plan of its own: its start must take task.first_plan, as the laws of the workbench do"
+        return _none(name, bounds, tried, why)
     settings: dict[str, object] = {}
     tamed = _tamed(alone, name)
     if isinstance(tamed, str):
@@ -150,6 +155,13 @@ def _alone(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> tupl
             f"{name} must learn on increments with a gain between declared ends (learning_gain), as increment does"
         )
     return name, made
+
+
+def _takes_plans(study: Study, name: str) -> bool:
+    """Tell whether a law begins with the first plan that it is told."""
+    made = dataclasses.replace(study, first_plan=PROBE)
+    law = made.law(name)
+    return bool(np.allclose(first_plan(law, made.task(law)), PROBE, rtol=1e-9))
 
 
 def _gain(study: Study, name: str) -> LearningGain:
