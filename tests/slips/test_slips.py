@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from slips import checking, deciding, enclosing, running, studying
@@ -25,5 +26,6 @@ def test_without_a_slip_no_check_is_red(check):
 
 @pytest.mark.parametrize("slip", SLIPS, ids=lambda slip: slip.where)
 def test_no_slip_survives(slip):
-    with planted(slip), pytest.raises(AssertionError):
+    with planted(slip), pytest.raises(AssertionError) as caught:
         slip.check()
+    assert Path(str(caught.traceback[-1].path)).parent == Path(__file__).parent, "the program fell, no check turned red"
