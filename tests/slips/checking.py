@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from fractions import Fraction
 from functools import cache
 from types import SimpleNamespace
 
@@ -566,9 +565,7 @@ def ten_draws_say_little_of_all():
 
 
 def pushed():
-    return SimpleNamespace(
-        Sigma=Polytope.box([-1.0], [1.0]), A_cl=np.array([[0.5]]), W_z=Zonotope.box([-0.6], [0.6])
-    )
+    return SimpleNamespace(Sigma=Polytope.box([-1.0], [1.0]), A_cl=np.array([[0.5]]), W_z=Zonotope.box([-0.6], [0.6]))
 
 
 def a_set_that_is_left_is_not_invariant():

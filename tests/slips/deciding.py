@@ -136,9 +136,7 @@ def record(*rows):
     values = np.array(rows, dtype=float)
     plant = SimpleNamespace(states=(LEVEL,), outputs=(), inputs=())
     data = SimpleNamespace(sel=lambda controller: {"state_level": SimpleNamespace(values=values)})
-    return SimpleNamespace(
-        campaign=SimpleNamespace(data=data), study=SimpleNamespace(plant=plant), controller="law"
-    )
+    return SimpleNamespace(campaign=SimpleNamespace(data=data), study=SimpleNamespace(plant=plant), controller="law")
 
 
 def a_trial_beyond_a_limit_refutes_it():

@@ -5,8 +5,8 @@ function went: imported by name, in a table, in a partial, in a class.
 """
 
 from __future__ import annotations
-
 import __future__
+
 import functools
 import importlib
 import inspect
