@@ -8,10 +8,10 @@ import xarray as xr
 from brake_tubes import integrator_tube
 from learning_laws import Planned, Second
 from scipy import signal as filters
-from slips.planting import Slip
 from small_plants import small
 
 from models.expression import as_expression
+from slips.planting import Slip
 from workbench import Study, run
 from workbench.contracts import scope
 from workbench.contracts.law import Trial
@@ -274,8 +274,8 @@ def scopes_hold_what_noise_may_be():
 
 def a_mean_is_over_the_samples_that_were_reached():
     data = run(study(trial_length=TrialLength(minimum=2), trials=6), show_progress=False).data
-    for error, mse, length in zip(data["error"].values[0], data["mse"].values[0], data["trial_length"].values[0]
-                                  if data["trial_length"].ndim > 1 else data["trial_length"].values, strict=True):  # fmt: skip
+    lengths = data["trial_length"].values.reshape(-1)
+    for error, mse, length in zip(data["error"].values[0], data["mse"].values[0], lengths, strict=True):
         assert np.isclose(mse, np.mean(error[1 : int(length) + 1] ** 2), rtol=1e-12)
 
 

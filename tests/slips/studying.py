@@ -9,7 +9,6 @@ import casadi as ca
 import numpy as np
 import xarray as xr
 from learning_laws import Planned
-from slips.planting import Slip
 from small_plants import small
 
 from models.actuator import Delayed, Lagged
@@ -19,7 +18,7 @@ from models.line import HILLY, Line
 from models.maglev import Maglev
 from models.point_mass import PointMass
 from models.switched_delay import SwitchedDelay
-from models.transfer import Transfer
+from slips.planting import Slip
 from studies.ato.evidence import Drawn
 from studies.ato.outcomes import better_in_most, small_jerk
 from studies.ato.scores import FOUR, better_all_four, jerks
@@ -34,6 +33,7 @@ from studies.stopping.outcomes import room_cm
 from studies.variable_gain.direct_term import contraction, spectral_radius
 from studies.variable_gain.outcomes import initial_learning_needed
 from studies.variable_gain.scores import scores as speeds_of
+from studies.variable_gain.study import STUDY as VARIABLE_GAIN
 from workbench import Study
 from workbench.contracts.finding import Standing
 from workbench.contracts.law import SlopeLearning
@@ -179,7 +179,7 @@ def the_larger_end_decides_contraction():
 
 
 def eigenvalues_stand_on_the_diagonal():
-    assert spectral_radius(Transfer(), 0.1).bound == 1
+    assert spectral_radius(VARIABLE_GAIN.true_plant, 0.1).bound == 1
 
 
 def a_slope_that_swings_is_no_contraction():
