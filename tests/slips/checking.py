@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from fractions import Fraction
 from functools import cache
 from itertools import pairwise
 from types import SimpleNamespace
@@ -26,6 +27,7 @@ from verification.checks.convergence import adaptation, lambda_min, lambda_reali
 from verification.checks.delayed import delayed_box, delayed_step
 from verification.checks.envelope import Bounds, Ends, Envelope, held_inside
 from verification.checks.error_map_replay import replay_monotone
+from verification.checks.estimate_form import _parameters
 from verification.checks.funnel import Maker, around, parts_of
 from verification.checks.funnel_curve import Curve, curve, falls
 from verification.checks.initial_state import held_against
@@ -40,6 +42,7 @@ from verification.checks.settled import no_noise, whole_trials
 from verification.checks.shares import about_all, most_that_fail
 from verification.checks.slope import slope
 from verification.checks.spectral_radius import spectral_radius
+from verification.checks.univariate import never_negative, positive
 from verification.checks.update import held_update, learns_as_declared
 from verification.checks.values import values_of
 from verification.checks.wanted import follows, wanted_input
@@ -394,6 +397,19 @@ class Crossed(Declared):
 
 
 @declared
+class Ahead(Declared):
+    """How fast it learns at a sample depends on the error of the sample behind it."""
+
+    @property
+    def learning_gain(self):
+        return LearningGain(0.0, 0.3)
+
+    def learn(self, memory, trial):
+        further = ca.horzcat(trial.e[2:], ca.DM.zeros(1, 1))
+        return Plan(memory.u + known(trial.reached[1:], 0.3 * ca.exp(-(further**2)) * trial.e[1:]))
+
+
+@declared
 class Doubled(Declared):
     """It learns twice as fast as it says."""
 
@@ -418,6 +434,26 @@ def every_sample_learns_from_its_own():
 
 def the_gain_is_the_declared_one():
     assert form_of(Doubled()) is not PROVED
+
+
+def a_later_sample_may_be_missing():
+    assert form_of(Ahead(), trial_length=TrialLength(minimum=3)) is not PROVED
+    assert form_of(Ahead()) is PROVED
+
+
+def a_polynomial_may_dip_between_its_ends():
+    dips = [Fraction(1, 2), Fraction(-2), Fraction(1)]
+    assert not positive(dips, Fraction(0), Fraction(2)) and not never_negative(dips, Fraction(0), Fraction(2))
+    assert positive([Fraction(2), Fraction(-2), Fraction(1)], Fraction(0), Fraction(2))
+
+
+def a_polynomial_may_cross_three_times_at_once():
+    cubed = [Fraction(-1), Fraction(3), Fraction(-3), Fraction(1)]
+    assert not never_negative(cubed, Fraction(0), Fraction(2))
+
+
+def an_estimate_may_not_step_too_far():
+    assert _parameters(SimpleNamespace(eta=1.5, mu=1.0, eps=1.0, rho=1.0, lam=1.0, force_unit=1.0))
 
 
 def a_plan_that_moved_is_seen():
@@ -888,6 +924,34 @@ SLIPS = (
         slipped="0 if wide",
         causes="a sample that learns from another one's error is taken for one that learns from its own",
         check=every_sample_learns_from_its_own,
+    ),
+    Slip(
+        where="verification.checks.learned_graph:_Missing._present",
+        stands="one.column >= source.column",
+        slipped="one.column >= source.column - 1",
+        causes="a law is PROVED to learn in its form whose plan is no number after a short trial",
+        check=a_later_sample_may_be_missing,
+    ),
+    Slip(
+        where="verification.checks.univariate:positive",
+        stands="changes(low, above=False) == changes(high, above=True)",
+        slipped="changes(low, above=False) >= changes(high, above=True)",
+        causes="a gain that leaves its ends in between is PROVED to lie between them",
+        check=a_polynomial_may_dip_between_its_ends,
+    ),
+    Slip(
+        where="verification.checks.univariate:_odd",
+        stands="if power % 2:",
+        slipped="if power % 2 and power < 3:",
+        causes="a gain that crosses its end three times at once is PROVED never to",
+        check=a_polynomial_may_cross_three_times_at_once,
+    ),
+    Slip(
+        where="verification.checks.estimate_form:_parameters",
+        stands="if not 0 < eta <= 1:",
+        slipped="if not 0 < eta:",
+        causes="an estimate that may run away is PROVED bounded",
+        check=an_estimate_may_not_step_too_far,
     ),
     Slip(
         where="verification.checks.update:_room",

@@ -7,8 +7,8 @@ from fractions import Fraction
 import casadi as ca
 import numpy as np
 from flint import arb, ctx
-from slips.planting import Slip
 
+from slips.planting import Slip
 from verification.enclosure import outward, outward_logic
 from verification.enclosure.bounds import bound, prove_bounds, prove_positive
 from verification.enclosure.box import Box
@@ -126,6 +126,11 @@ def halves_of_a_box_leave_no_gap():
 def one_condition_is_not_the_others_opposite():
     found = enclose(of_x(ca.if_else(X < 1, 1, 0) + ca.if_else(X <= 1, 1, 0)), Box({"x": (0.0, 0.5)}))
     assert found.lower["f"][0, 0] <= 2 <= found.upper["f"][0, 0]
+
+
+def two_inputs_are_two_quantities():
+    found = enclose(of_both(X - Y), Box({"x": (0.0, 1.0), "y": (0.0, 1.0)}))
+    assert found.lower["f"][0, 0] <= -1 and found.upper["f"][0, 0] >= 1
 
 
 def a_power_below_zero_keeps_its_pole():
@@ -292,6 +297,13 @@ SLIPS = (
         slipped="middle + 1",
         causes="halves of a box with a gap of 1 between them: what is proved of both is not of the whole",
         check=halves_of_a_box_leave_no_gap,
+    ),
+    Slip(
+        where="verification.enclosure.rewriting:Rewriter.node",
+        stands="key = (op, args, float(value).hex(), coordinate)",
+        slipped="key = (op, args, float(value).hex())",
+        causes="x - y is x - x, and 0",
+        check=two_inputs_are_two_quantities,
     ),
     Slip(
         where="verification.enclosure.rewriting:Rewriter.opposite",
