@@ -260,6 +260,8 @@ def _hull(ends: Sequence[Array]) -> Array:
 
 def wanted(reference: Array, noise: float) -> Array:
     """Enclose the reference's increments, (N, 2), widened by what noise may add to a measured one."""
+    if not np.isfinite(noise):
+        return np.repeat([[-np.inf, np.inf]], len(reference) - 1, axis=0)
     gained = outward.sub(Span(reference[1:], reference[1:]), Span(reference[:-1], reference[:-1]))
     spread = np.full(len(reference) - 1, noise)
     return np.stack(outward.add(gained, Span(-spread, spread)), axis=-1)
