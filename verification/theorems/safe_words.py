@@ -95,7 +95,7 @@ def _sentences(d: Dossier, own: Mapping[str, Verdict]) -> list[str]:
     ]
     text = [
         f"No trial of {d.controller} ever leaves the bands below{f' (for {scope})' if scope else ''}, whatever the "
-        f"trial lengths and whatever the law estimates: {', '.join(kept)}, less sample by sample (increment_funnel)."
+        f"trial lengths and whatever the law estimates: {', '.join(kept)} over a whole trial (increment_funnel)."
     ]
     return [*text, *_curve(d, own), *_limit(own)]
 

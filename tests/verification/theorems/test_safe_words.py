@@ -18,7 +18,7 @@ from verification.theorems.funnel import bands, covered
 from verification.theorems.pictures import funnel_figures
 from workbench import Study, TrialLength, Verification, run
 from workbench.contracts.finding import Standing
-from workbench.contracts.scenario import Between, UniformNoise
+from workbench.contracts.scenario import Between, NormalNoise, UniformNoise
 from workbench.contracts.verdict import Verdict
 from workbench.controllers import ICFDL, Increment
 
@@ -121,6 +121,11 @@ CASES: dict[str, tuple[Any, list[str], list[str]]] = {
         lambda: gather(weighed(), truth={"gain": Between(low=0.9, high=1.1)}, verify=SCOPED),
         ["no band is known", "the study may leave that"],
         [BAND],
+    ),
+    "noise without a bound": (
+        lambda: gather(noise=NormalNoise(sigma=0.01)),
+        ["Of law no band is known that every trial stays in (increment_funnel is UNDECIDED): measurement noise has no"],
+        [BAND, "the program met"],
     ),
     "noise that hides the last steps": (
         lambda: gather(noise=UniformNoise(largest=0.1)),
