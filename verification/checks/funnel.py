@@ -115,13 +115,9 @@ class Maker:
         """Return what one sample rounds of the states, and what the law rounds of the increments of the error."""
         at = self.plant.symbols()
         p = ca.vertcat(*self.symbols) if self.symbols else ca.SX(0, 1)
-        step = ca.Function(
-            "step",
-            [*at.values(), p],
-            [self.plant.next_state(**at), self.plant.measured(at["x"])],
-            [*at, "p"],
-            ["x_next", "y"],
-        )
+        x_next, y = self.plant.next_state(**at), self.plant.measured(at["x"])
+        after = ca.substitute(y, at["x"], x_next)
+        step = ca.Function("step", [*at.values(), p], [x_next, y, after], [*at, "p"], ["x_next", "y", "after"])
         low, high = self.scope.disturbance
         within = {
             "x": _around(carried.x),
@@ -134,7 +130,7 @@ class Maker:
         }
         off = rounding(step, Box(within, whole=("k",)))
         largest = float(np.abs(carried.y).max() + np.abs(self.reference).max() + self.scope.noise[0])
-        return off["x_next"].ravel(), PLACES * largest + 4 * float(off["y"].max())
+        return off["x_next"].ravel(), PLACES * largest + 2 * float(off["y"].max() + off["after"].max())
 
     def carry(self, question: Question) -> Carried | Open:
         """Return the sets, or why they are not to be had."""
@@ -145,9 +141,9 @@ class Maker:
         found = self.recursion.carry(question)
         if found.ended != "fine":
             return Open(reason=self._why(found), sample=found.sample)
-        return self._of_use(found)
+        return self.of_use(found)
 
-    def _of_use(self, found: Carried) -> Carried | Open:
+    def of_use(self, found: Carried) -> Carried | Open:
         """Return sets that are narrow enough and lie where the equations mean something, or why not."""
         scale = scale_of(self.study)
         width = found.y[:, 1] - found.y[:, 0]
@@ -162,9 +158,9 @@ class Maker:
         for i, signal in enumerate(self.plant.states):
             if (left := _leaves(signal.domain, found.x[:, i])) is not None:
                 return self._leaves(signal.name, signal.unit, left, found.x[left, i])
-        signal = self.plant.inputs[0]
-        if (left := _leaves(signal.domain, found.u)) is not None:
-            return self._leaves(signal.name, signal.unit, left, found.u[left])
+        for signal, ends in ((self.plant.outputs[0], found.y), (self.plant.inputs[0], found.u)):
+            if (left := _leaves(signal.domain, ends)) is not None:
+                return self._leaves(signal.name, signal.unit, left, ends[left])
         return found
 
     def _leaves(self, name: str, unit: str, k: int, ends: Array) -> Open:
@@ -224,7 +220,8 @@ def funnel(maker: Maker) -> Funnel | Open:
         if isinstance(one, Open):
             return one
         made.append(one)
-    return Funnel(sets=around(made), gain=maker.gain, same=tuple(same), parts=len(parts))
+    sets = maker.of_use(around(made))
+    return sets if isinstance(sets, Open) else Funnel(sets=sets, gain=maker.gain, same=tuple(same), parts=len(parts))
 
 
 def with_rounding(maker: Maker, found: Funnel) -> Carried | None:
@@ -263,7 +260,9 @@ def _hull(ends: Sequence[Array]) -> Array:
 
 
 def wanted(reference: Array, noise: float) -> Array:
-    """Enclose the reference's increments, (N, 2), widened by what noise may add to a measured one."""
+    """Enclose the reference's increments, (N, 2), widened by what noise may add to a measured one, if that is known."""
+    if not np.isfinite(noise):
+        return np.tile([-np.inf, np.inf], (len(reference) - 1, 1))
     gained = outward.sub(Span(reference[1:], reference[1:]), Span(reference[:-1], reference[:-1]))
     spread = np.full(len(reference) - 1, noise)
     return np.stack(outward.add(gained, Span(-spread, spread)), axis=-1)
