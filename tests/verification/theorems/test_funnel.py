@@ -197,7 +197,8 @@ ARCTAN = small("Arctan", lambda x, u, k: (x[0] + ca.atan(u),))
 WILD = small("Wild", lambda x, u, k: (6 * x[0] + 0.5 * u,))
 ROOTED = small("Rooted", lambda x, u, k: (0.6 * x[0] + ca.sqrt(x[0] + 0.5) + 0.5 * u,))
 ENDING = small("Ending", lambda x, u, k: (0.6 * x[0] + 0.5 * u,), ended=lambda self, x: x.x0 > 0.5)
-SPRING = small("Spring",
+SPRING = small(
+    "Spring",
     lambda x, u, k: (0.9 * x[0] + 0.1 * x[1] + 0.5 * u, 0.8 * x[1] - 0.1 * ca.sin(x[0])),
     states=2,
 )
