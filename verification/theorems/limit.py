@@ -140,8 +140,9 @@ def _rounds(d: Dossier) -> float:
     """Return what the plant's equations round of the output at samples 0 and 1, whatever they compute in between."""
     inputs, begun = d.campaign.data["input"].sel(controller=d.controller).values[: d.done, 0], d.begun
     met = Box({"x": begun.x0, "u": (inputs.min(), inputs.max()), "w": begun.w[:, 0], "k": 0.0}, whole=("k",))
-    after, now = rounding(d.plant.next_output_function(), met), rounding(d.plant.output_function(), Box({"x": begun.x0}))
-    return float(sum(one.max() for off in (after, now) for one in off.values()))
+    after, now = d.plant.next_output_function(), d.plant.output_function()
+    off = rounding(after, met), rounding(now, Box({"x": begun.x0}))
+    return float(sum(one.max() for rounded in off for one in rounded.values()))
 
 
 def _shared_premises(d: Dossier, over: Callable[[], Box] | None = None) -> Sequence[Claim]:
