@@ -51,14 +51,16 @@ def verdict(d: Dossier, name: str) -> Verdict:
     return found
 
 
-def bounds(sets: Carried, share: float = 1.0, of: str = "both") -> tuple[Bounds, Bounds, Bounds]:
-    """Return a funnel as bounds, its states or inputs or both drawn in about their middle; rounding is in it."""
+def bounds(
+    sets: Carried, share: float = 1.0, of: str = "both", ends: tuple[int, ...] = (0, 1)
+) -> tuple[Bounds, Bounds, Bounds]:
+    """Return a funnel as bounds, ends of its states or inputs or both drawn in to the middle; rounding is in it."""
 
-    def drawn_in(ends: Array, name: str) -> Array:
-        if share == 1 or of not in ("both", name):
-            return ends
-        middle = ends.mean(axis=-1, keepdims=True)
-        return middle + share * (ends - middle)
+    def drawn_in(whole: Array, name: str) -> Array:
+        found, middle = whole.copy(), whole.mean(axis=-1)
+        for end in ends if share != 1 and of in ("both", name) else ():
+            found[..., end] = middle + share * (whole[..., end] - middle)
+        return found
 
     x, u = drawn_in(sets.x, "states"), drawn_in(sets.u, "inputs")
     low, high = (Bounds(x[..., i].T, u[:, i]) for i in (0, 1))
@@ -111,12 +113,13 @@ def test_ten_thousand_campaigns_stay_inside(line, changes):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("ends", [(0, 1), (0,), (1,)])
 @pytest.mark.parametrize("of", ["states", "inputs", "both"])
-def test_a_funnel_that_is_a_hundredth_too_tight_is_caught_on_the_flat_line(of):
+def test_a_funnel_that_is_a_hundredth_too_tight_is_caught_on_the_flat_line(of, ends):
     d = ran("flat", False)
     sets = d.funnels.rounded
     assert sets is not None
-    low, high, none = bounds(sets, 0.99, of)
+    low, high, none = bounds(sets, 0.99, of, ends)
     by_campaigns = held_inside(campaigns("flat", False, 10_000), low, high, none)
     x = np.stack([low.states.T, high.states.T], axis=-1)
     u = np.stack([low.inputs, high.inputs], axis=-1)

@@ -1,4 +1,4 @@
-"""Choosing a first plan with which bounds are proved: what is found holds, a little less does not, and why nothing is."""
+"""Choosing a first plan with which bounds are proved: what is found holds, a little less does not."""
 
 from __future__ import annotations
 
