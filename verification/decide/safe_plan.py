@@ -101,6 +101,10 @@ def safe_plan(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> S
         why = "it begins with a plan of its own: its start must take task.first_plan, as the laws of the workbench do"
         return _none(name, bounds, tried, why)
     settings: dict[str, object] = {}
+    try:
+        changed(alone, {"first_plan": Inverse()})
+    except InvalidValue as error:
+        return _none(name, bounds, tried, f"the nominal model has no inverse to take a share of: {error}")
     tamed = _tamed(alone, name)
     if isinstance(tamed, str):
         return _none(name, bounds, tried, tamed)
@@ -142,8 +146,8 @@ def _alone(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> tupl
     """Return the study with one controller, asked for bounds."""
     if isinstance(law, str) and law not in study.controllers:
         raise InvalidValue(f"law must be one of {', '.join(study.controllers)}, or a law; got {law!r}")
-    if not bounds:
-        raise InvalidValue("bounds must name at least one signal, as in {'speed': (0, 80)}; got none")
+    if not isinstance(bounds, Mapping) or not bounds:
+        raise InvalidValue(f"bounds must name at least one signal, as in {{'speed': (0, 80)}}; got {bounds!r}")
     name = law if isinstance(law, str) else "law"
     controllers = {name: study.controllers[law] if isinstance(law, str) else law}
     made = dataclasses.replace(study, controllers=controllers, sweeps=(), draws=1)
