@@ -143,7 +143,7 @@ def safe_plan(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> S
 
 
 def _alone(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> tuple[str, Study]:
-    """Return the study with one controller, asked for bounds."""
+    """Return the study with one controller, asked for bounds, its first plan the nominal inverse in numbers."""
     if isinstance(law, str) and law not in study.controllers:
         raise InvalidValue(f"law must be one of {', '.join(study.controllers)}, or a law; got {law!r}")
     if not isinstance(bounds, Mapping) or not bounds:
@@ -158,7 +158,8 @@ def _alone(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> tupl
         raise InvalidValue(
             f"{name} must learn on increments with a gain between declared ends (learning_gain), as increment does"
         )
-    return name, made
+    made = changed(made, {"first_plan": Inverse()})
+    return name, dataclasses.replace(made, first_plan=made.plan)
 
 
 def _takes_plans(study: Study, name: str) -> bool:
@@ -224,7 +225,7 @@ def _enough(study: Study, name: str, field: str, end: float, steepest: float) ->
 
 
 def _maker(study: Study, name: str, share: float) -> Maker:
-    made = changed(study, {"first_plan": Inverse(share=share)})
+    made = dataclasses.replace(study, first_plan=share * np.asarray(study.plan))
     law = made.law(name)
     plan: Array = first_plan(law, made.task(law))[0]
     return Maker(made, _gain(made, name), scope_of(made), plan)
