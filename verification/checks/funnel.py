@@ -141,9 +141,9 @@ class Maker:
         found = self.recursion.carry(question)
         if found.ended != "fine":
             return Open(reason=self._why(found), sample=found.sample)
-        return self._of_use(found)
+        return self.of_use(found)
 
-    def _of_use(self, found: Carried) -> Carried | Open:
+    def of_use(self, found: Carried) -> Carried | Open:
         """Return sets that are narrow enough and lie where the equations mean something, or why not."""
         scale = scale_of(self.study)
         width = found.y[:, 1] - found.y[:, 0]
@@ -158,9 +158,9 @@ class Maker:
         for i, signal in enumerate(self.plant.states):
             if (left := _leaves(signal.domain, found.x[:, i])) is not None:
                 return self._leaves(signal.name, signal.unit, left, found.x[left, i])
-        signal = self.plant.inputs[0]
-        if (left := _leaves(signal.domain, found.u)) is not None:
-            return self._leaves(signal.name, signal.unit, left, found.u[left])
+        for signal, ends in ((self.plant.outputs[0], found.y), (self.plant.inputs[0], found.u)):
+            if (left := _leaves(signal.domain, ends)) is not None:
+                return self._leaves(signal.name, signal.unit, left, ends[left])
         return found
 
     def _leaves(self, name: str, unit: str, k: int, ends: Array) -> Open:
@@ -220,7 +220,8 @@ def funnel(maker: Maker) -> Funnel | Open:
         if isinstance(one, Open):
             return one
         made.append(one)
-    return Funnel(sets=around(made), gain=maker.gain, same=tuple(same), parts=len(parts))
+    sets = maker.of_use(around(made))
+    return sets if isinstance(sets, Open) else Funnel(sets=sets, gain=maker.gain, same=tuple(same), parts=len(parts))
 
 
 def with_rounding(maker: Maker, found: Funnel) -> Carried | None:
@@ -259,9 +260,9 @@ def _hull(ends: Sequence[Array]) -> Array:
 
 
 def wanted(reference: Array, noise: float) -> Array:
-    """Enclose the reference's increments, (N, 2), widened by what noise may add to a measured one."""
+    """Enclose the reference's increments, (N, 2), widened by what noise may add to a measured one, if that is known."""
     if not np.isfinite(noise):
-        return np.repeat([[-np.inf, np.inf]], len(reference) - 1, axis=0)
+        return np.tile([-np.inf, np.inf], (len(reference) - 1, 1))
     gained = outward.sub(Span(reference[1:], reference[1:]), Span(reference[:-1], reference[:-1]))
     spread = np.full(len(reference) - 1, noise)
     return np.stack(outward.add(gained, Span(-spread, spread)), axis=-1)

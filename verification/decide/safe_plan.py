@@ -24,6 +24,8 @@ from workbench.trials.campaign import run
 Bound = tuple[float | None, float | None]
 SHARES = (1.0, 0.98, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0)
 """Shares of the nominal model's inverse that are tried as first plans, the most likely first."""
+PROBE = 0.125
+"""A first plan by which it is seen whether a law takes one."""
 HALVINGS = 7
 TAMED = 0.999
 """The largest l_max B that a learning gain is lowered to."""
@@ -95,7 +97,14 @@ def safe_plan(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> S
     """
     name, alone = _alone(study, law, bounds)
     tried: list[Tried] = []
+    if not _takes_plans(alone, name):
+        why = "it begins with a plan of its own: its start must take task.first_plan, as the laws of the workbench do"
+        return _none(name, bounds, tried, why)
     settings: dict[str, object] = {}
+    try:
+        changed(alone, {"first_plan": Inverse()})
+    except InvalidValue as error:
+        return _none(name, bounds, tried, f"the nominal model has no inverse to take a share of: {error}")
     tamed = _tamed(alone, name)
     if isinstance(tamed, str):
         return _none(name, bounds, tried, tamed)
@@ -137,8 +146,8 @@ def _alone(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> tupl
     """Return the study with one controller, asked for bounds, its first plan the nominal inverse in numbers."""
     if isinstance(law, str) and law not in study.controllers:
         raise InvalidValue(f"law must be one of {', '.join(study.controllers)}, or a law; got {law!r}")
-    if not bounds:
-        raise InvalidValue("bounds must name at least one signal, as in {'speed': (0, 80)}; got none")
+    if not isinstance(bounds, Mapping) or not bounds:
+        raise InvalidValue(f"bounds must name at least one signal, as in {{'speed': (0, 80)}}; got {bounds!r}")
     name = law if isinstance(law, str) else "law"
     controllers = {name: study.controllers[law] if isinstance(law, str) else law}
     made = dataclasses.replace(study, controllers=controllers, sweeps=(), draws=1)
@@ -151,6 +160,13 @@ def _alone(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> tupl
         )
     made = changed(made, {"first_plan": Inverse()})
     return name, dataclasses.replace(made, first_plan=made.plan)
+
+
+def _takes_plans(study: Study, name: str) -> bool:
+    """Tell whether a law begins with the first plan that it is told."""
+    made = dataclasses.replace(study, first_plan=PROBE)
+    law = made.law(name)
+    return bool(np.allclose(first_plan(law, made.task(law)), PROBE, rtol=1e-9))
 
 
 def _gain(study: Study, name: str) -> LearningGain:

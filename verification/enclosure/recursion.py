@@ -3,14 +3,12 @@
 The C beside this module evaluates a graph in outward-rounded intervals with slopes, and carries boxes of states through
 the samples of a trial while a law learns; :mod:`verification.checks.funnel` says what that proves. Operations that are
 no arithmetic (sine, exponential) are asked of the balls of :mod:`verification.enclosure.outward`, one by one, unless
-they depend on the sample alone: those are tabulated once. Where there is no C compiler,
-:mod:`verification.enclosure.recursion_in_python` carries the sets.
+they depend on the sample alone: those are tabulated once. Where there is no C compiler no sets are carried.
 """
 
 from __future__ import annotations
 
 import ctypes
-import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -32,14 +30,12 @@ from verification.enclosure.carried import Carried as Carried
 from verification.enclosure.carried import Question as Question
 from verification.enclosure.interval import PARTIAL, TOTAL, reason
 from verification.enclosure.outward import Span
-from verification.enclosure.recursion_in_python import Passes
 from verification.enclosure.rewriting import COVER, MEET, SELECT, Quantity, Rewritten, rewritten
 from verification.enclosure.slopes import partials
 from verification.enclosure.whole import readings_at
 from workbench.fold.machine_code import library
 from workbench.graph.operations import CONSTANT, INPUT
 
-log = logging.getLogger("workbench")
 _NATIVE = (
     INPUT, CONSTANT, "add", "sub", "mul", "div", "neg", "inv", "twice", "sq", "sqrt", "fabs", "fmin", "fmax", "sign",
     "floor", "ceil", "lt", "le", "eq", "ne", "not", "and", "or", "if_else_zero", SELECT, COVER, MEET, "whole_power",
@@ -127,7 +123,7 @@ class Recursion:
         graph, goals = _goals(graph)
         whole = np.arange(self.width) == self._k
         self.read = readings_at(graph, tuple(goals), whole, np.arange(samples + 1.0))
-        self._plain = tuple(goals)
+        self.plain = tuple(goals)
         self.graph, self.goals, self.within = apart(self.read.graph, goals, range(self._k))
         self.coordinates = self.width + len(self.within)
         if self.coordinates > MOST:
@@ -183,7 +179,7 @@ class Recursion:
             count, coordinates, len(self.read.lower), len(within), self._inner, *pointers, self._ask,
             self._value.ctypes.data, self._slope.ctypes.data, self._fault.ctypes.data,
         )  # fmt: skip
-        self._table = np.ascontiguousarray(np.stack([self.read.lower.T, self.read.upper.T], axis=-1))
+        self.table = np.ascontiguousarray(np.stack([self.read.lower.T, self.read.upper.T], axis=-1))
 
     def _answer(self, node: int, told: ctypes.Array[ctypes.c_double], answer: ctypes.Array[ctypes.c_double]) -> None:
         """Enclose an operation that is no arithmetic, and its slopes; what goes wrong is raised when the C is done."""
@@ -207,7 +203,7 @@ class Recursion:
             if self._trouble is not None:
                 raise self._trouble
 
-    def _boxes(self, question: Question) -> Array:
+    def fixed(self, question: Question) -> Array:
         """Return the ranges of all coordinates but states and input, by sample, (N + 1, coordinates, 2)."""
         n, nx, nw = self.samples, self.states, self.disturbances
         fixed = np.zeros((n + 1, self.coordinates, 2))
@@ -222,8 +218,6 @@ class Recursion:
         n, nx = self.samples, self.states
         question.fits(n, nx, self.disturbances, self.parameters)
         c = _c()
-        if c is None:
-            return self.slowly(question)
         x, y = np.full((n + 1, nx, 2), np.nan), np.full((n + 1, 2), np.nan)
         u, target, slope, after = (np.full((n, 2), np.nan) for _ in range(4))
         failed = ctypes.c_int(-1)
@@ -232,7 +226,7 @@ class Recursion:
         jolt = question.jolt if question.jolt is not None else np.zeros(nx)
         arrays = [
             np.ascontiguousarray(one, dtype=np.float64)
-            for one in (self._table, self._boxes(question), question.wanted, question.plan, moves, jolt, question.start)
+            for one in (self.table, self.fixed(question), question.wanted, question.plan, moves, jolt, question.start)
         ]
         goals = (_Goal * nx)(*self._goals[:nx])
         asked = _Pass(
@@ -243,20 +237,12 @@ class Recursion:
             ended = ENDS[c.carry(ctypes.byref(self._program), ctypes.byref(asked))]
         return Carried(x, y, u, target, slope, after, ended, int(failed.value))
 
-    def slowly(self, question: Question) -> Carried:
-        """Carry the set of states through all samples in Python: much slower, and sets may be a little wider."""
-        question.fits(self.samples, self.states, self.disturbances, self.parameters)
-        fixed = self._boxes(question)[:, : self.width]
-        return Passes(graph=self.read.graph, goals=self._plain, table=self._table, fixed=fixed).carry(question)
-
     def enclose(self, goal: int, boxes: Array, samples: NDArray[np.int64], parts: int = 1) -> tuple[Array, Array]:
         """Enclose a goal on boxes, (boxes, coordinates, 2) at samples: values (boxes, 2) and slopes by coordinate."""
         count, c = len(boxes), _c()
-        if c is None:
-            raise InvalidValue("boxes are enclosed by machine code: a C compiler is needed (set CC to one)")
         given = np.zeros((count, self.coordinates, 2))
         given[:, : self.width] = boxes
-        table = np.ascontiguousarray(self._table[samples])
+        table = np.ascontiguousarray(self.table[samples])
         values, slopes = np.zeros((count, 2)), np.zeros((count, self.coordinates, 2))
         with self._alone():
             c.enclose(
@@ -334,12 +320,11 @@ def apart(graph: Rewritten, goals: Sequence[int], coordinates: range) -> Parted:
 
 
 @cache
-def _c() -> ctypes.CDLL | None:
+def _c() -> ctypes.CDLL:
     source = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
     found = library("recursion", source)
     if found is None:
-        log.warning("sets are carried from sample to sample in Python, some hundred times slower")
-        return None
+        raise InvalidValue("sets are carried through a trial by machine code: a C compiler is needed (set CC to one)")
     return declared(ctypes.CDLL(str(found)))
 
 

@@ -25,7 +25,7 @@ from verification.checks import (
 from verification.checks.error_map_replay import replay_monotone
 from verification.checks.premises import same_plant
 from verification.theorems import conclusion, funnel, limit, safe_words
-from verification.theorems.dossier import Dossier
+from verification.theorems.dossier import Dossier, dossiers_of
 from verification.theorems.pictures import figures, funnel_figures
 from workbench.contracts.claim import Claim, Held, Range, Role
 from workbench.contracts.examination import Examination
@@ -42,7 +42,7 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
 
     Every claim is made of every law, or says which declared property it lacks.
     """
-    files = [Dossier(campaign, str(name)) for name in campaign.data["controller"].values]
+    files = dossiers_of(campaign)
     shown = [one for one in files if not one.lacks and one.done >= 2 and same_plant(campaign.study) is None]
     ran = [one for one in files if one.done]
     kept = cache(lambda: [one for one in ran if funnel.covered(one)])
@@ -57,7 +57,7 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
 
 def dossiers(campaign: Campaign) -> list[Dossier]:
     """Return a dossier for every controller of which the claims have a meaning, and that ran at least two trials."""
-    files = [Dossier(campaign, str(name)) for name in campaign.data["controller"].values]
+    files = dossiers_of(campaign)
     return [one for one in files if not one.lacks and one.done >= 2]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from models.array import Array
 from models.plant import Signal
 from verification.checks.funnel import Open
-from verification.theorems.dossier import Dossier
+from verification.theorems.dossier import Dossier, dossiers_of
 from verification.theorems.funnel import bands, funnel_claim, lacks_funnel
 from workbench.contracts.claim import Claim, Role
 from workbench.contracts.finding import Finding, Grounds, undecided
@@ -24,7 +24,7 @@ def limits(campaign: Campaign) -> Sequence[Claim]:
     study = campaign.study
     if not study.verify.limits:
         return []
-    files = [Dossier(campaign, str(name)) for name in campaign.data["controller"].values]
+    files = dossiers_of(campaign)
     return [
         _limit(d, name, (-np.inf if low is None else low, np.inf if high is None else high))
         for d in files

@@ -1,13 +1,14 @@
 """Sets carried by machine code against points in balls, campaigns in doubles, a second implementation, and by hand."""
 
-import logging
 import threading
 from dataclasses import replace
+from functools import partial
 
 import carried_sets as sets
 import casadi as ca
 import numpy as np
 import pytest
+from carried_in_python import slowly
 
 from models.metro_profile import MetroProfile
 from models.point_mass import PointMass
@@ -176,7 +177,7 @@ def test_trials_end_up_where_they_are_said_to(case):
 
 @each_case
 def test_both_implementations_end_alike_and_neither_is_much_wider(case):
-    first, second = case.recursion().carry(case.question()), case.recursion().slowly(case.question())
+    first, second = case.recursion().carry(case.question()), slowly(case.recursion(), case.question())
     assert sets.astray(case, second) == []
     if case.name == "kinked input":  # slopes of the second do not hold together what is under one kink
         assert second.ended == "unreached"
@@ -192,8 +193,8 @@ def test_both_implementations_end_alike_and_neither_is_much_wider(case):
 
 @pytest.mark.parametrize("case", [sets.MOVED[0], sets.MOVED[2]], ids=lambda case: case.name)
 def test_the_second_implementation_moves_and_settles_too(case):
-    assert sets.moved_astray(case, case.recursion().slowly(sets.moving(case)[0])) == []
-    first, second = (carry(case.question(settled=True)) for carry in (case.recursion().carry, case.recursion().slowly))
+    assert sets.moved_astray(case, slowly(case.recursion(), sets.moving(case)[0])) == []
+    first, second = (carry(case.recursion(), case.question(settled=True)) for carry in (Recursion.carry, slowly))
     np.testing.assert_allclose(first.u, second.u, atol=0.05)
 
 
@@ -203,22 +204,17 @@ def test_the_train_in_python():
         Recursion(carrier.plant, 4),
         replace(question, disturbance=question.disturbance[:4], wanted=question.wanted[:4], plan=question.plan[:4]),
     )
-    first, second = cut.carry(few), cut.slowly(few)
+    first, second = cut.carry(few), slowly(cut, few)
     np.testing.assert_allclose(first.u, second.u, rtol=1e-3)
     np.testing.assert_allclose(first.y, second.y, rtol=1e-3, atol=1e-9)
 
 
-def test_without_a_compiler_sets_are_carried_in_python_and_the_log_says_so_once(monkeypatch, caplog):
+def test_without_a_compiler_no_sets_are_carried_and_one_line_says_so(monkeypatch):
     monkeypatch.setattr(recursion, "library", lambda *_: None)
     recursion._c.cache_clear()
     try:
-        case = BY_NAME["linear"]
-        with caplog.at_level(logging.WARNING):
-            found = [case.recursion().carry(case.question()) for _ in range(2)]
-        assert sets.astray(case, found[0]) == [] and found[1].ended == "fine"
-        assert [record.message for record in caplog.records] == [
-            "sets are carried from sample to sample in Python, some hundred times slower"
-        ]
+        with pytest.raises(InvalidValue, match="a C compiler is needed"):
+            BY_NAME["linear"].recursion().carry(BY_NAME["linear"].question())
     finally:
         recursion._c.cache_clear()
 
@@ -263,7 +259,7 @@ OPEN = [
 @pytest.mark.parametrize(("more", "ended", "sample"), [row[1:] for row in OPEN], ids=[row[0] for row in OPEN])
 def test_what_has_no_bound_proves_nothing(more, ended, sample):
     case = BY_NAME["disturbance"]
-    for carry in (case.recursion().carry, case.recursion().slowly):
+    for carry in (partial(Recursion.carry, case.recursion()), partial(slowly, case.recursion())):
         found = carry(case.question(**more))
         assert (found.ended, found.sample) == (ended, sample)
 

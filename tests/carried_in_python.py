@@ -1,6 +1,6 @@
-"""The passes of :mod:`verification.enclosure.recursion` once more, in Python.
+"""The passes of :mod:`verification.enclosure.recursion` once more, in Python, to judge the C.
 
-They run where no C compiler is found, and judge the C: nothing but the plant's graph is shared with it. Ranges and
+Nothing but the plant's graph is shared with it. Ranges and
 slopes are those of :mod:`verification.enclosure.interval`, on parts of a box side by side; targets are closed in on by
 grids of inputs; what remains is computed in fractions, without error, and rounded outwards once.
 """
@@ -19,6 +19,7 @@ from verification.enclosure import outward
 from verification.enclosure.carried import Carried, Ended, Question
 from verification.enclosure.interval import evaluate
 from verification.enclosure.outward import Mask, Span
+from verification.enclosure.recursion import Recursion
 from verification.enclosure.rewriting import Rewritten
 from verification.enclosure.slopes import gradient
 
@@ -265,3 +266,11 @@ def _moved(u: Ends, target: Ends, slope: Ends, moves: Ends) -> Ends:
         raise _End("gain")
     corners = [(1 - s) * Fraction(a) + s * Fraction(t) for s in (min(shares), max(shares)) for a in u for t in target]
     return _rounded(min(corners), max(corners))
+
+
+def slowly(recursion: Recursion, question: Question) -> Carried:
+    """Carry the set of states through all samples in Python: sets may be a little wider."""
+    question.fits(recursion.samples, recursion.states, recursion.disturbances, recursion.parameters)
+    fixed = recursion.fixed(question)[:, : recursion.width]
+    passes = Passes(graph=recursion.read.graph, goals=recursion.plain, table=recursion.table, fixed=fixed)
+    return passes.carry(question)
