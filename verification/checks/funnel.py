@@ -36,6 +36,7 @@ from verification.enclosure.recursion import Carried, Question, Recursion
 from verification.enclosure.rounding import rounding
 from workbench.contracts.claim import Range
 from workbench.contracts.law import LearningGain
+from workbench.contracts.number import after_number
 from workbench.contracts.scope import Scope, symbolic_plant
 from workbench.contracts.study import Study
 
@@ -150,9 +151,10 @@ class Maker:
         wide = np.flatnonzero(width > WIDEST * scale)
         if wide.size:
             k, signal = int(wide[0]), self.plant.outputs[0]
+            unit = after_number(signal.unit)
             return Open(
-                reason=f"at sample {k} the band of the {signal.name} is {width[k]:.4g} {signal.unit} wide, more than "
-                f"{WIDEST:g} times the range of the reference ({scale:.4g} {signal.unit}): of no use",
+                reason=f"at sample {k} the band of the {signal.name} is {width[k]:.4g}{unit} wide, more than "
+                f"{WIDEST:g} times the range of the reference ({scale:.4g}{unit}): of no use",
                 sample=k,
             )
         for i, signal in enumerate(self.plant.states):
@@ -165,8 +167,8 @@ class Maker:
 
     def _leaves(self, name: str, unit: str, k: int, ends: Array) -> Open:
         return Open(
-            reason=f"at sample {k} the band of the {name}, {ends[0]:.4g} to {ends[1]:.4g} {unit}, leaves the domain "
-            "in which the equations mean something",
+            reason=f"at sample {k} the band of the {name}, {ends[0]:.4g} to {ends[1]:.4g}{after_number(unit)}, leaves "
+            "the domain in which the equations mean something",
             sample=k,
         )
 
@@ -174,7 +176,7 @@ class Maker:
         """Say in a sentence why a pass ended."""
         k = found.sample
         ranges = [
-            f"{signal.name} {low:.4g} to {high:.4g} {signal.unit}"
+            f"{signal.name} {low:.4g} to {high:.4g}{after_number(signal.unit)}"
             for signal, (low, high) in zip(self.plant.states, found.x[min(k, self.samples)], strict=True)
         ]
         where, force = f"at sample {k} ({', '.join(ranges)})", self.plant.inputs[0].name

@@ -19,6 +19,7 @@ from verification.theorems import limit
 from verification.theorems.dossier import Dossier
 from workbench.contracts.claim import Claim, Role
 from workbench.contracts.finding import Finding, Grounds, Standing, undecided
+from workbench.contracts.number import after_number
 
 OURS = "ours"
 GAIN = "a learning gain between declared ends (learning_gain)"
@@ -100,7 +101,8 @@ def _found(d: Dossier) -> Finding:
     k = int(np.argmax(width))
     of = {signal.name: [float(ends[:, 0].min()), float(ends[:, 1].max())] for signal, ends in bands(d)}
     told = ", ".join(
-        f"{signal.name} {of[signal.name][0]:.5g} to {of[signal.name][1]:.5g} {signal.unit}" for signal, _ in bands(d)
+        f"{signal.name} {of[signal.name][0]:.5g} to {of[signal.name][1]:.5g}{after_number(signal.unit)}"
+        for signal, _ in bands(d)
     )
     if found.same:
         told += f", for each value of {', '.join(found.same)} that stays the same in all trials ({found.parts} parts)"
