@@ -42,7 +42,7 @@ def bands(title: str, panels: Sequence[Panel]) -> Figure:
             ax.plot(k, panel.low, color="0.45", linewidth=0.8)
             ax.plot(k, panel.high, color="0.45", linewidth=0.8)
             count = panel.recorded.shape[0]
-            chosen = np.unique(np.linspace(0, count - 1, min(count, MOST)).astype(int)) if count else []
+            chosen = np.unique(np.linspace(0, max(count - 1, 0), min(count, MOST)).astype(int))
             colour = styled(0)["color"]
             for i, trial in enumerate(chosen):
                 ax.plot(

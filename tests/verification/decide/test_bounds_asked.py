@@ -58,7 +58,11 @@ def command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 def test_a_bound_that_is_refuted_is_replayed(tmp_path, monkeypatch):
     """The bounds alone are written, and replayed on the run and on another one."""
     for module in (replaying, verifying):
-        monkeypatch.setattr(module, "examination_of", lambda campaign, full=False: Examination(claims=limits(campaign)))
+        monkeypatch.setattr(
+            module,
+            "examination_of",
+            lambda campaign, full=False: Examination(claims=limits(campaign), conclude=lambda _: []),
+        )
     (tmp_path / "own.py").write_text(OWN)
     study = find(str(tmp_path / "own.py"))
     (tmp_path / "out").mkdir()
