@@ -462,6 +462,20 @@ def lies_beneath(d: Dossier) -> None:
 
 # -- what has no meaning, and what is read off a funnel ------------------------------------------------------------
 
+
+def test_a_funnel_has_these_premises():
+    found = judged_all(gather(FIRST))[0]
+    assert isinstance(found, Verdict)
+    assert {one.claim.removeprefix("small.premise.") for one in found.premises} == {
+        "relative_degree_1",
+        "no_filter",
+        "plan_alone",
+        "update_form",
+        "positive_gain",
+        "starts_given",
+    }
+
+
 NOT_MADE = [
     # plant, law, the property that is missing
     (Pair(), law(), "a task that the law is for"),
@@ -497,6 +511,8 @@ LIMITS = [
     ("an input", FIRST, law(), {}, "u", (-5, 5), PROVED, Grounds.INDUCTION, "read off the funnel"),
     ("the first plan itself", FIRST, law(), {}, "u", (None, 0.3), REFUTED, Grounds.RUN, "of 6 recorded trials"),
     ("an output of another name", within(None, 50.0, "y"), law(), {}, "y", (-1, 9), PROVED, Grounds.INDUCTION, "y is"),
+    ("an input that no trial comes to", FIRST, law(), {"lengths": [4] * 6, "first_plan": np.repeat([0.3, 9.0], [4, 6])},
+     "u", (None, 1), UNDECIDED, None, "recorded trials stay within, and the band of all trials is"),
     ("within the band", FIRST, law(initial_input=0.5), {}, "x0", (None, BETWEEN), UNDECIDED, None,
      "workbench.safe_plan"),
     ("no band", WILD, law(), {"trials": 2}, "u", (-1e9, 1e9), UNDECIDED, None,
