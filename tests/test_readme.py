@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
+import shlex
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from studies.metro.ledger import ledger, markdown, supported
 from studies.metro.study import STUDY
-from workbench import load
+from verification.decide.judge import Judge
+from verification.theorems.limits import limits
+from workbench import load, run
+from workbench.contracts import settings
+from workbench.contracts.finding import Standing
+from workbench.contracts.verdict import Verdict
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()
@@ -62,6 +70,23 @@ def test_the_ledger_says_what_the_numbers_say():
     by_law = {(entry.law, entry.force_unit): entry for entry in entries}
     assert by_law["icfdl", 100.0].last == pytest.approx(10, abs=1)
     assert by_law["pd", 10.0].last is None
+
+
+def test_the_bound_of_the_speed_is_proved_of_every_trial_and_nearly_reached():
+    (command,) = re.findall(r"workbench verify metro (.*verify\.limits.*)", README)
+    words = shlex.split(command)
+    study = settings.assigned(STUDY, [value for flag, value in pairwise(words) if flag == "--set"])
+    judged = [
+        Judge().verdict(claim) for claim in limits(run(dataclasses.replace(study, sweeps=()), show_progress=False))
+    ]
+    made = {one.controller: one for one in judged if isinstance(one, Verdict)}
+    assert {name for name, one in made.items() if one.standing is Standing.REFUTED} == {"icfdl", "pd"}
+    found = made["increment"]
+    assert found.claim == "metro.limit.speed" and found.standing is Standing.PROVED
+    assert found.margin is not None and 0 <= found.margin < 0.2 and "`limit.speed`" in README
+    above = f"never above {study.verify.limits['speed'][1]:g} km/h on the flat line"
+    assert above in " ".join(README.split()) and "plant.line=flat" in words
+    assert f"its peak at {study.reference_samples[0].max():g}" in " ".join(README.split())
 
 
 @pytest.mark.parametrize("name", re.findall(r"\]\(([\w/.]+)\)", README))

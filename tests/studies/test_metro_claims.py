@@ -409,3 +409,13 @@ def test_noise_biases_an_estimate_without_ends_until_learning_stalls():
     assert deaf < 1e-2 and 0.6 < kept < 1
     held, most = made()
     assert held < 1e-3 * spoilt and most < 3
+    page = " ".join((Path(__file__).resolve().parents[2] / "docs" / "increment.md").read_text().split())
+    for said in (
+        f"it is {runaway:.0f} b after 150 trials",
+        f"stalls (MSE {spoilt:.0f},",
+        f"3 phi(k,1): MSE {held:.3f}.",
+        f"(mu = 1e4: MSE {deaf:.1e},",
+        f"0.5 Hz: MSE {filtered:.1f},",
+        f"0.03 Hz: MSE {too_low:.0f})",
+    ):
+        assert said in page, said

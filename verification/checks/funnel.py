@@ -36,6 +36,7 @@ from verification.enclosure.recursion import Carried, Question, Recursion
 from verification.enclosure.rounding import rounding
 from workbench.contracts.claim import Range
 from workbench.contracts.law import LearningGain
+from workbench.contracts.number import after_number
 from workbench.contracts.scope import Scope, symbolic_plant
 from workbench.contracts.study import Study
 
@@ -141,32 +142,33 @@ class Maker:
         found = self.recursion.carry(question)
         if found.ended != "fine":
             return Open(reason=self._why(found), sample=found.sample)
-        return self._of_use(found)
+        return self.of_use(found)
 
-    def _of_use(self, found: Carried) -> Carried | Open:
+    def of_use(self, found: Carried) -> Carried | Open:
         """Return sets that are narrow enough and lie where the equations mean something, or why not."""
         scale = scale_of(self.study)
         width = found.y[:, 1] - found.y[:, 0]
         wide = np.flatnonzero(width > WIDEST * scale)
         if wide.size:
             k, signal = int(wide[0]), self.plant.outputs[0]
+            unit = after_number(signal.unit)
             return Open(
-                reason=f"at sample {k} the band of the {signal.name} is {width[k]:.4g} {signal.unit} wide, more than "
-                f"{WIDEST:g} times the range of the reference ({scale:.4g} {signal.unit}): of no use",
+                reason=f"at sample {k} the band of the {signal.name} is {width[k]:.4g}{unit} wide, more than "
+                f"{WIDEST:g} times the range of the reference ({scale:.4g}{unit}): of no use",
                 sample=k,
             )
         for i, signal in enumerate(self.plant.states):
             if (left := _leaves(signal.domain, found.x[:, i])) is not None:
                 return self._leaves(signal.name, signal.unit, left, found.x[left, i])
-        signal = self.plant.inputs[0]
-        if (left := _leaves(signal.domain, found.u)) is not None:
-            return self._leaves(signal.name, signal.unit, left, found.u[left])
+        for signal, ends in ((self.plant.outputs[0], found.y), (self.plant.inputs[0], found.u)):
+            if (left := _leaves(signal.domain, ends)) is not None:
+                return self._leaves(signal.name, signal.unit, left, ends[left])
         return found
 
     def _leaves(self, name: str, unit: str, k: int, ends: Array) -> Open:
         return Open(
-            reason=f"at sample {k} the band of the {name}, {ends[0]:.4g} to {ends[1]:.4g} {unit}, leaves the domain "
-            "in which the equations mean something",
+            reason=f"at sample {k} the band of the {name}, {ends[0]:.4g} to {ends[1]:.4g}{after_number(unit)}, leaves "
+            "the domain in which the equations mean something",
             sample=k,
         )
 
@@ -174,7 +176,7 @@ class Maker:
         """Say in a sentence why a pass ended."""
         k = found.sample
         ranges = [
-            f"{signal.name} {low:.4g} to {high:.4g} {signal.unit}"
+            f"{signal.name} {low:.4g} to {high:.4g}{after_number(signal.unit)}"
             for signal, (low, high) in zip(self.plant.states, found.x[min(k, self.samples)], strict=True)
         ]
         where, force = f"at sample {k} ({', '.join(ranges)})", self.plant.inputs[0].name
@@ -220,7 +222,8 @@ def funnel(maker: Maker) -> Funnel | Open:
         if isinstance(one, Open):
             return one
         made.append(one)
-    return Funnel(sets=around(made), gain=maker.gain, same=tuple(same), parts=len(parts))
+    sets = maker.of_use(around(made))
+    return sets if isinstance(sets, Open) else Funnel(sets=sets, gain=maker.gain, same=tuple(same), parts=len(parts))
 
 
 def with_rounding(maker: Maker, found: Funnel) -> Carried | None:
@@ -259,7 +262,9 @@ def _hull(ends: Sequence[Array]) -> Array:
 
 
 def wanted(reference: Array, noise: float) -> Array:
-    """Enclose the reference's increments, (N, 2), widened by what noise may add to a measured one."""
+    """Enclose the reference's increments, (N, 2), widened by what noise may add to a measured one, if that is known."""
+    if not np.isfinite(noise):
+        return np.tile([-np.inf, np.inf], (len(reference) - 1, 1))
     gained = outward.sub(Span(reference[1:], reference[1:]), Span(reference[:-1], reference[:-1]))
     spread = np.full(len(reference) - 1, noise)
     return np.stack(outward.add(gained, Span(-spread, spread)), axis=-1)

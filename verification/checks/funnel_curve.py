@@ -4,6 +4,12 @@ Where the input of a sample is known to lie in U_i(k) in trial i, and the state 
 U_i(k) moved towards the targets t(X_i(k), k) by a share l B, with l between the ends of the learning gain where the
 trial reached k + 1, and unmoved where it did not. So the first plan gives a bound of the mean square error of every
 trial. Samples that every trial reaches depend on no trial length, as nothing depends on a later sample.
+
+A bound that has come to where it ends is not worth a pass a trial. The funnel is proved of whatever first plan lies in
+given sets, and nothing but the plan is handed from trial to trial; so the funnel of the sets U_i(k), one pass, holds
+every trial from i on, of any length. It is taken for all of them where its bound lies no more than a share ``GAINED``
+above those that passes of their own would come to: between that of trial i and that where learning ends, or, where the
+gain may vanish and inputs may stay where they are, that of trial i.
 """
 
 from __future__ import annotations
@@ -23,6 +29,10 @@ from workbench.contracts.finding import Finding, Grounds, undecided
 
 SPARE = 1e-12
 """More than what a sum of squares rounds, as a share of it."""
+GAINED = 1.5e-3
+"""Share of a bound that is not worth carrying sets through every later trial for."""
+PAUSE = 4
+"""Trials until it is looked once more whether one funnel is as good."""
 SHOWN = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
@@ -38,6 +48,8 @@ class Curve(NamedTuple):
     """What ``common`` goes to as trials go on; None where the gain may vanish."""
     rounded: bool
     """Whether what doubles round is in it."""
+    alike: int | None = None
+    """The trial from which on one funnel (of each part) bounds all; None where each has a pass of its own."""
 
 
 def curve(maker: Maker, found: Funnel, lengths: NDArray[np.int64], last: int) -> Curve | Open:
@@ -53,12 +65,14 @@ def curve(maker: Maker, found: Funnel, lengths: NDArray[np.int64], last: int) ->
             return one
         curves.append(one)
     ends = [one.final for one in curves if one.final is not None]
+    alike = [one.alike for one in curves if one.alike is not None]
     return Curve(
         common=np.max([one.common for one in curves], axis=0),
         own=np.max([one.own for one in curves], axis=0),
         last=last,
         final=max(ends) if len(ends) == len(curves) else None,
         rounded=all(one.rounded for one in curves),
+        alike=max(alike) if len(alike) == len(curves) else None,
     )
 
 
@@ -69,7 +83,12 @@ def _of_part(
     rounded = carried.jolt is not None and bool(np.isfinite(carried.jolt).all() and np.isfinite(carried.wanted).all())
     question = carried if rounded else maker.question(values)
     n, gain = maker.samples, maker.gain
+    final = None
+    if gain.low > 0:
+        settled = maker.carry(replace(question, settled=True))
+        final = None if isinstance(settled, Open) else _mean_square(maker.reference, settled, last)
     plan, common, own = question.plan, np.zeros(lengths.size), np.zeros(lengths.size)
+    looked = 0
     for i, length in enumerate(lengths):
         reached = np.arange(1, n + 1) <= length
         moves = np.where(reached[:, None], [[gain.low, gain.high]], 0.0)
@@ -77,11 +96,15 @@ def _of_part(
         if isinstance(one, Open):
             return Open(reason=f"the learning curve ends at trial {i + 1}: {one.reason}", sample=one.sample)
         common[i], own[i] = (_mean_square(maker.reference, one, end) for end in (last, int(length)))
+        most = (1 + GAINED) * min(common[i], common[i] if final is None else final)
+        if i >= looked and common[i] <= most and (final is not None or gain.low <= 0):
+            looked = i + PAUSE
+            rest = maker.carry(replace(question, plan=plan))
+            if not isinstance(rest, Open) and (bound := _mean_square(maker.reference, rest, last)) <= most:
+                common[i + 1 :] = bound
+                own[i + 1 :] = [_mean_square(maker.reference, rest, int(end)) for end in lengths[i + 1 :]]
+                return Curve(common, own, last, final, rounded, i + 1)
         plan = _within(one.after, found.sets.u if not rounded else None)
-    final = None
-    if gain.low > 0:
-        settled = maker.carry(replace(question, settled=True))
-        final = None if isinstance(settled, Open) else _mean_square(maker.reference, settled, last)
     return Curve(common, own, last, final, rounded)
 
 
@@ -110,8 +133,11 @@ def falls(found: Curve, unit: str) -> Finding:
         "final_bound": found.final,
     }
     goes = "" if found.final is None else f"; as trials go on it goes below {found.final:.4g} {unit}"
+    each = f"{trials} trials, once each"
+    if found.alike is not None and found.alike < trials:
+        each = f"the first {found.alike} of {trials} trials, once each, and through all later ones at once"
     words = (
-        f"sets carried through {trials} trials, once each: over samples 1 to {found.last}, which every trial reaches, "
+        f"sets carried through {each}: over samples 1 to {found.last}, which every trial reaches, "
         f"the mean square error is at most {first:.4g} {unit} in the first trial and {end:.4g} {unit} in trial "
         f"{trials}{goes}"
     )

@@ -79,7 +79,6 @@ class Forms:
 
     column: Column
     reached: bool | None
-    increment: bool
     variables: Variables = field(default_factory=lambda: Variables(0))
     divisors: list[Form] = field(default_factory=list)
     """What was divided by, which must not be zero even where it cancels."""
@@ -116,13 +115,13 @@ class Forms:
         if place.port == "r":
             return total(self._coordinate(place._replace(port="y")), self._coordinate(place._replace(port="e")))
         if place.port == "reached":
-            if not learned.task.varying_lengths or (self.reached and place.column <= k + 1):
+            if not learned.varying_lengths or (self.reached and place.column <= k + 1):
                 return number(1)
             if self.reached is False and place.column > k:
                 return number(0)
         if self.reached is not None and place.port == "e" and place.column == k + 1:
             signal = self.variables.opaque(SIGNAL)
-            return total(signal, self._coordinate(place._replace(column=k))) if self.increment else signal
+            return total(signal, self._coordinate(place._replace(column=k))) if learned.increment else signal
         return self.variables.opaque(place)
 
     @cached_property

@@ -9,16 +9,41 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 
 from verification.checks.form_range import Unbounded
 from verification.checks.learned_forms import Column, Forms, ranges
-from verification.checks.learned_graph import NEXT, PLAN, Learned, OtherForm
+from verification.checks.learned_graph import NEXT, PLAN, Content, Learned, OtherForm
 from verification.checks.polynomial import Form, negative, total
 from workbench.contracts.law import LearningGain
 
 FREE = float("-inf"), float("inf")
+KEPT = 32
+"""Answers that are kept: the laws of a study are the same in most of its cases."""
+
+
+def kinds(learned: Learned, gain: LearningGain) -> int:
+    """Return how many samples that differ were looked at. Raises OtherForm where one does not learn as declared."""
+    content = learned.content
+    found = _counted(learned, gain) if content is None else _known(content, gain)
+    if isinstance(found, str):
+        raise OtherForm(found)
+    return found
+
+
+@lru_cache(maxsize=KEPT)
+def _known(content: Content, gain: LearningGain) -> int | str:
+    """Answer from the content alone: what is not in it cannot change the answer."""
+    return _counted(content.learned(), gain)
+
+
+def _counted(learned: Learned, gain: LearningGain) -> int | str:
+    try:
+        return Shown(learned=learned, gain=gain).samples()
+    except OtherForm as error:
+        return str(error)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,7 +60,7 @@ class Shown:
         if (missing := self.learned.may_miss()) is not None:
             raise OtherForm(missing)
         seen: set[tuple[object, ...]] = set()
-        for k in range(self.learned.task.samples):
+        for k in range(self.learned.samples):
             nodes = self.learned.nodes
             column = Column(learned=self.learned, k=k, targets=(nodes[PLAN][0, k], nodes[NEXT][0, k]))
             if column.content not in seen:
@@ -46,9 +71,9 @@ class Shown:
 
     def _kept(self, column: Column) -> None:
         """Raise OtherForm unless the plan is kept where the trial did not reach k + 1."""
-        if not self.learned.task.varying_lengths:
+        if not self.learned.varying_lengths:
             return
-        forms = self._forms(column, reached=False)
+        forms = Forms(column=column, reached=False)
         left = forms.apart(_change(forms), lambda powers: False)
         if not left.is_zero:
             raise OtherForm(
@@ -59,7 +84,7 @@ class Shown:
 
     def _moved(self, column: Column) -> None:
         """Raise OtherForm unless the plan moves by a gain in its range times the error of what is learned on."""
-        forms = self._forms(column, reached=True)
+        forms = Forms(column=column, reached=True)
         change = forms.apart(_change(forms), lambda powers: not forms.without_signal(powers))
         besides = {powers: one for powers, one in change.terms.items() if forms.without_signal(powers)}
         if besides:
@@ -107,17 +132,13 @@ class Shown:
             if column.content in seen:
                 continue
             seen.add(column.content)
-            forms = self._forms(column, reached=None)
+            forms = Forms(column=column, reached=None)
             try:
                 span = ranges(forms, lambda name: FREE).of(forms.values[0])
             except Unbounded:
                 return FREE
             low, high = min(low, float(span.lo[0])), max(high, float(span.hi[0]))
         return low, high
-
-    def _forms(self, column: Column, reached: bool | None) -> Forms:
-        increment = self.learned.law.learns_on == "increment"
-        return Forms(column=column, reached=reached, increment=increment)
 
 
 def _change(forms: Forms) -> Form:

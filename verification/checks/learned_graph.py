@@ -43,16 +43,51 @@ class OtherForm(ValueError):
     """Why a law does not learn in the form that is looked for, in one line."""
 
 
+class Content(NamedTuple):
+    """All that a :class:`Learned` is made of, to be compared and kept."""
+
+    function: str
+    memory: tuple[tuple[str, tuple[int, int], bytes], ...]
+    samples: int
+    varying_lengths: bool
+    increment: bool
+
+    def learned(self) -> Learned:
+        """Return what has this content."""
+        return Learned(
+            function=ca.Function.deserialize(self.function),
+            memory={name: np.frombuffer(held).reshape(shape) for name, shape, held in self.memory},
+            samples=self.samples,
+            varying_lengths=self.varying_lengths,
+            increment=self.increment,
+        )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Learned:
     """What a law of one input learns from a trial of a task, and what it begins with."""
 
-    law: AnyLaw
-    task: Task
     function: ca.Function
     """(memory fields, r, y, e, reached) -> plan, plan_next, and the next memory by ``next_NAME``."""
     memory: Mapping[str, Array]
     """The memory before the first trial."""
+    samples: int
+    """N."""
+    varying_lengths: bool
+    """Whether trials may end early."""
+    increment: bool
+    """Whether it learns on the increment of the output, else on the output."""
+
+    @property
+    def content(self) -> Content | None:
+        """What it is made of; None where a function in it cannot be written down and read again, as one of Python's."""
+        try:
+            function = str(self.function.serialize())
+            ca.Function.deserialize(function)
+        except RuntimeError:
+            return None
+        held = [(name, (one.shape[0], one.shape[1]), one.tobytes()) for name, one in self.memory.items()]
+        return Content(function, tuple(held), self.samples, self.varying_lengths, self.increment)
 
     @cached_property
     def graph(self) -> Graph:
@@ -75,13 +110,17 @@ class Learned:
             for result in self.graph.outputs
         }
 
-    def copied(self, name: str) -> Mapping[tuple[int, int], Place]:
-        """Return the entries of a memory's field that become a coordinate as it stands."""
+    @cached_property
+    def copied(self) -> Mapping[str, Mapping[tuple[int, int], Place]]:
+        """The entries of the memory that become a coordinate as it stands, by field."""
         nodes = self.graph.nodes
         return {
-            place: self.places[nodes[node].which]
-            for place, node in self.nodes[f"next_{name}"].items()
-            if nodes[node].op == INPUT
+            name: {
+                place: self.places[nodes[node].which]
+                for place, node in self.nodes[f"next_{name}"].items()
+                if nodes[node].op == INPUT
+            }
+            for name in self.memory
         }
 
     @cached_property
@@ -89,7 +128,7 @@ class Learned:
         """The entries of the memory that never change, and their values."""
         found = {}
         for name, values in self.memory.items():
-            for (row, column), source in self.copied(name).items():
+            for (row, column), source in self.copied[name].items():
                 if source == Place(name, row, column) and np.isfinite(values[row, column]):
                     found[source] = float(values[row, column])
         return found
@@ -100,7 +139,7 @@ class Learned:
         found: dict[str, tuple[str, int]] = {}
         for age in range(1, len(self.memory) + 1):
             for name, values in self.memory.items():
-                sources = self.copied(name)
+                sources = self.copied[name]
                 one = {place.port for place in sources.values()}
                 if name in found or len(one) != 1 or len(sources) != values.size:
                     continue
@@ -174,13 +213,13 @@ class _Missing:
 
     def _misses(self, place: Place, dirty: set[str]) -> bool:
         if place.port in ("y", "e"):
-            return self.learned.task.varying_lengths and place.column > 0
+            return self.learned.varying_lengths and place.column > 0
         if place.port in dirty:
             return place not in self.learned.constants
         if self.learned.ages.get(place.port, ("", 0))[0] != "y":
             return False
         begins = self.learned.memory[place.port][place.row, place.column]
-        return bool(np.isnan(begins)) or (self.learned.task.varying_lengths and place.column > 0)
+        return bool(np.isnan(begins)) or (self.learned.varying_lengths and place.column > 0)
 
     def _tells(self, place: Place) -> bool:
         """Tell whether a coordinate is 1 only where a trial reached the sample."""
@@ -261,7 +300,13 @@ def learned_graph(law: AnyLaw, task: Task) -> Learned:
         [PLAN, NEXT, *(f"next_{name}" for name in named)],
     )
     begins = dict(zip(named, [numbers(one) for one in expressions(memory)], strict=True))
-    return Learned(law=law, task=task, function=function, memory=begins)
+    return Learned(
+        function=function,
+        memory=begins,
+        samples=n,
+        varying_lengths=task.varying_lengths,
+        increment=law.learns_on == "increment",
+    )
 
 
 def numbers(value: Expression) -> Array:

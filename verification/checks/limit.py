@@ -261,17 +261,21 @@ def transient(mse: Array, last: int, unit: str) -> Finding:
     )
 
 
-def held_at_first_sample(errors: Array, gain: LearningGain, bounds: Slope, magnitude: float) -> Held:
+def held_at_first_sample(
+    errors: Array, gain: LearningGain, bounds: Slope, magnitude: float, plant_rounds: float = 0.0
+) -> Held:
     """Hold the step of the proof against recorded trials where it can be seen in numbers: at the first sample.
 
     All trials begin in one state, so the target of u(0) never moves, and each trial multiplies the error of s(1) by a
     number between 1 - l_max b_high and 1 - l_min b_low. ``errors`` are those of s(1) by trial, in the order of trials,
-    ``magnitude`` the largest of what is computed with there, which rounds.
+    ``magnitude`` the largest of what is computed with there, which rounds, ``plant_rounds`` what the plant's own
+    equations round of s(1).
     """
     lowest, highest = 1 - gain.high * bounds[1], 1 - gain.low * bounds[0]
     before, after = errors[:-1], errors[1:]
     ends = np.stack([lowest * before, highest * before])
-    room = np.minimum(after - ends.min(axis=0), ends.max(axis=0) - after) + ROUNDED * magnitude
+    room = np.minimum(after - ends.min(axis=0), ends.max(axis=0) - after)
+    room = room + ROUNDED * magnitude + 2 * plant_rounds
     if not room.size:
         return Held(0, 0.0, {})
     i = int(np.argmin(np.where(np.isnan(room), np.inf, room)))

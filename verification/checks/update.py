@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.array import Array
-from verification.checks.learned_gain import Shown
+from verification.checks.learned_gain import kinds
 from verification.checks.learned_graph import NEXT, PLAN, Learned, OtherForm, first_plan, learned_graph, numbers
 from workbench.contracts.claim import Held
 from workbench.contracts.finding import Finding, Grounds, undecided
@@ -59,9 +59,9 @@ def learns_as_declared(law: AnyLaw, task: Task) -> Finding:
     except OtherForm as error:
         return undecided(str(error))
     try:
-        differ = Shown(learned=learned, gain=gain).samples()
+        differ = kinds(learned, gain)
     except OtherForm as error:
-        return _tried(learned, gain, str(error))
+        return _tried(learned, numbers(task.reference), gain, str(error))
     return Finding(
         grounds=Grounds.ENCLOSURE,
         holds=differ > 0,
@@ -78,11 +78,11 @@ def learns_as_declared(law: AnyLaw, task: Task) -> Finding:
     )
 
 
-def _tried(learned: Learned, gain: LearningGain, why: str) -> Finding:
+def _tried(learned: Learned, r: Array, gain: LearningGain, why: str) -> Finding:
     """Look for a trial after which a plan moves otherwise than is declared."""
     for draw in range(DRAWS):
-        for trial, moved in enumerate(_drawn(learned, draw)):
-            room = _room(moved, gain, learned.law.learns_on == "increment", kept=ROUNDED)
+        for trial, moved in enumerate(_drawn(learned, r, draw)):
+            room = _room(moved, gain, learned.increment, kept=ROUNDED)
             k = int(room.argmin())
             if room[k] < 0:
                 return Finding(
@@ -91,7 +91,7 @@ def _tried(learned: Learned, gain: LearningGain, why: str) -> Finding:
                     margin=float(room[k]),
                     unit=UNIT,
                     method=f"{why}; after a trial that was drawn the plan of sample {k} moved otherwise",
-                    witness={"draw": draw, "trial": trial + 1, **_place(moved, gain, learned.law, k)},
+                    witness={"draw": draw, "trial": trial + 1, **_place(moved, gain, learned.increment, k)},
                 )
     return undecided(
         f"{why}; in {DRAWS} drawn campaigns of {TRIALS} trials it learned as is declared: a law of a simpler form, or "
@@ -101,23 +101,22 @@ def _tried(learned: Learned, gain: LearningGain, why: str) -> Finding:
 
 def replay(law: AnyLaw, task: Task, witness: Mapping[str, object]) -> float:
     """Return the room at a witness of :func:`learns_as_declared`, with its trials run once more."""
-    learned = learned_graph(law, task)
-    gain = learned.law.learning_gain
+    law = law.ready_for(task)
+    learned, r, gain = learned_graph(law, task), numbers(task.reference), law.learning_gain
     assert gain is not None, "a law without a gain is not refuted"
     draw, trial, sample = (int(str(witness[name])) for name in ("draw", "trial", "sample"))
-    moved = list(_drawn(learned, draw))[trial - 1]
-    return float(_room(moved, gain, learned.law.learns_on == "increment", kept=ROUNDED)[sample])
+    moved = list(_drawn(learned, r, draw))[trial - 1]
+    return float(_room(moved, gain, learned.increment, kept=ROUNDED)[sample])
 
 
-def _drawn(learned: Learned, draw: int) -> Iterator[Moved]:
+def _drawn(learned: Learned, r: Array, draw: int) -> Iterator[Moved]:
     """Run trials of a law from its first memory on, with outputs and lengths drawn from a seed."""
     rng = np.random.default_rng(draw)
-    n = learned.task.samples
-    r = numbers(learned.task.reference)
+    n = learned.samples
     memory: Mapping[str, Array] = learned.memory
     size = float(np.ptp(r) or np.abs(r).max() or 1.0) * 10.0 ** rng.uniform(-3, 2)
     for _ in range(TRIALS):
-        length = int(rng.integers(1, n + 1)) if learned.task.varying_lengths else n
+        length = int(rng.integers(1, n + 1)) if learned.varying_lengths else n
         y = r + size * rng.normal(size=r.shape) * rng.uniform(0, 2)
         reached = (np.arange(n + 1) <= length).astype(float)[None]
         y = np.where(reached > 0, y, np.nan)
@@ -146,10 +145,10 @@ def _room(moved: Moved, gain: LearningGain, increment: bool, *, kept: float) -> 
     return np.nan_to_num(room, nan=-LOST, posinf=LOST, neginf=-LOST)
 
 
-def _place(moved: Moved, gain: LearningGain, law: AnyLaw, k: int) -> dict[str, object]:
+def _place(moved: Moved, gain: LearningGain, increment: bool, k: int) -> dict[str, object]:
     """Return what a plan moved by at a sample."""
     error = moved.r - moved.y
-    signal = error[k + 1] - error[k] if law.learns_on == "increment" else error[k + 1]
+    signal = error[k + 1] - error[k] if increment else error[k + 1]
     return {
         "sample": k,
         "reached": bool(k + 1 <= moved.length),
@@ -169,11 +168,12 @@ def held_update(law: AnyLaw, r: Array, u: Array, seen: Array, lengths: NDArray[n
     gain = law.learning_gain
     if gain is None:
         return Held(0, 0.0, {})
+    increment = law.learns_on == "increment"
     worst, place = np.inf, dict[str, object]()
     for i in range(u.shape[0] - 1):
         moved = Moved(u[i], u[i + 1], r, seen[i], int(lengths[i]))
-        room = _room(moved, gain, law.learns_on == "increment", kept=0.0)
+        room = _room(moved, gain, increment, kept=0.0)
         k = int(room.argmin())
         if room[k] < worst:
-            worst, place = float(room[k]), {"trial": i + 1, **_place(moved, gain, law, k)}
+            worst, place = float(room[k]), {"trial": i + 1, **_place(moved, gain, increment, k)}
     return Held(max(u.shape[0] - 1, 0), worst if np.isfinite(worst) else 0.0, place)

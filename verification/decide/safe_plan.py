@@ -101,6 +101,10 @@ def safe_plan(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> S
         why = "it begins with a plan of its own: its start must take task.first_plan, as the laws of the workbench do"
         return _none(name, bounds, tried, why)
     settings: dict[str, object] = {}
+    try:
+        changed(alone, {"first_plan": Inverse()})
+    except InvalidValue as error:
+        return _none(name, bounds, tried, f"the nominal model has no inverse to take a share of: {error}")
     tamed = _tamed(alone, name)
     if isinstance(tamed, str):
         return _none(name, bounds, tried, tamed)
@@ -139,11 +143,11 @@ def safe_plan(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> S
 
 
 def _alone(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> tuple[str, Study]:
-    """Return the study with one controller, asked for bounds."""
+    """Return the study with one controller, asked for bounds, its first plan the nominal inverse in numbers."""
     if isinstance(law, str) and law not in study.controllers:
         raise InvalidValue(f"law must be one of {', '.join(study.controllers)}, or a law; got {law!r}")
-    if not bounds:
-        raise InvalidValue("bounds must name at least one signal, as in {'speed': (0, 80)}; got none")
+    if not isinstance(bounds, Mapping) or not bounds:
+        raise InvalidValue(f"bounds must name at least one signal, as in {{'speed': (0, 80)}}; got {bounds!r}")
     name = law if isinstance(law, str) else "law"
     controllers = {name: study.controllers[law] if isinstance(law, str) else law}
     made = dataclasses.replace(study, controllers=controllers, sweeps=(), draws=1)
@@ -154,7 +158,8 @@ def _alone(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> tupl
         raise InvalidValue(
             f"{name} must learn on increments with a gain between declared ends (learning_gain), as increment does"
         )
-    return name, made
+    made = changed(made, {"first_plan": Inverse()})
+    return name, dataclasses.replace(made, first_plan=made.plan)
 
 
 def _takes_plans(study: Study, name: str) -> bool:
@@ -220,7 +225,7 @@ def _enough(study: Study, name: str, field: str, end: float, steepest: float) ->
 
 
 def _maker(study: Study, name: str, share: float) -> Maker:
-    made = changed(study, {"first_plan": Inverse(share=share)})
+    made = dataclasses.replace(study, first_plan=share * np.asarray(study.plan))
     law = made.law(name)
     plan: Array = first_plan(law, made.task(law))[0]
     return Maker(made, _gain(made, name), scope_of(made), plan)

@@ -17,8 +17,8 @@ from verification.enclosure.rewriting import COVER, MEET, SELECT, rewritten
 from verification.enclosure.slopes import partials
 from workbench.graph.operations import BOOLEAN, CONSTANT, INPUT
 
-_EXACT = frozenset({"neg", "twice", "fabs", "fmin", "fmax", "sign", "floor", "ceil", "if_else_zero", "copysign",
-                    "assign", SELECT, COVER, MEET, *BOOLEAN})  # fmt: skip
+_EXACT = frozenset({"neg", "twice", "fabs", "fmin", "fmax", "sign", "floor", "ceil", "fmod",
+                    "if_else_zero", "copysign", "assign", SELECT, COVER, MEET, *BOOLEAN})  # fmt: skip
 _HALF_A_PLACE = frozenset({"add", "sub", "mul", "div", "inv", "sq", "sqrt"})
 HALF, LIBRARY = 2.0**-53, 2.0**-50
 """What arithmetic, and what a mathematical library, rounds at most, of the result."""

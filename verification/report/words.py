@@ -14,7 +14,10 @@ from workbench.contracts.finding import Grounds, Standing
 from workbench.contracts.verdict import Verdict
 
 STANDINGS = {
-    Standing.PROVED: ("✓", "holds: by exact algebra, or by interval arithmetic over the box that is stated"),
+    Standing.PROVED: (
+        "✓",
+        "holds for all that is stated: by algebra, intervals, induction or enumeration",
+    ),
     Standing.SUPPORTED: ("≈", "was tried or searched, and nothing against it was found"),
     Standing.REFUTED: ("✗", "fails: the witness was replayed, and can be again"),
     Standing.UNDECIDED: ("?", "could not be told: by this method, as a premise is not met, or as the check failed"),

@@ -7,6 +7,7 @@ from typing import SupportsFloat
 
 import numpy as np
 
+from verification.theorems import safe_words
 from verification.theorems.dossier import Dossier
 from workbench.contracts.examination import Table
 from workbench.contracts.finding import Standing
@@ -26,9 +27,7 @@ def paragraphs(files: Sequence[Dossier], verdicts: Sequence[Verdict]) -> Sequenc
 
     ``files`` are the controllers' dossiers (:class:`verification.theorems.learning.Dossier`).
     """
-    mine = {
-        d.controller: {v.claim.split(".", 1)[1]: v for v in verdicts if v.controller == d.controller} for d in files
-    }
+    mine = safe_words.by_controller(files, verdicts)
     repaired = [
         name
         for name, own in mine.items()
@@ -37,14 +36,31 @@ def paragraphs(files: Sequence[Dossier], verdicts: Sequence[Verdict]) -> Sequenc
     said = _shared(mine)
     said += [" ".join(_sentences(d, mine[d.controller], repaired)) for d in files]
     if files:
-        limits = [name for name, own in mine.items() if _stands(own, "theorem1.conclusion", Standing.PROVED)]
-        but = " (theorem1.conclusion alone speaks of all states and inputs)" if limits else ""
-        said.append(
-            f"PROVED speaks of the boxes below only{but}: what each controller's run met, a little wider. A trial that "
-            "leaves its box, another plant or measurement noise is not covered, and that no later trial leaves it is "
-            "not shown; SUPPORTED speaks of this run."
-        )
+        said.append(_scope(files, mine))
     return said
+
+
+def _scope(files: Sequence[Dossier], mine: Mapping[str, Mapping[str, Verdict]]) -> str:
+    """Return what proofs speak of, and what they do not."""
+    held = [d for d in files if _stands(mine[d.controller], "increment_funnel", Standing.PROVED)]
+    read_off = dict.fromkeys(name for d in held for name in safe_words.of_every_trial(mine[d.controller]))
+    but = []
+    if any(_stands(own, "theorem1.conclusion", Standing.PROVED) for own in mine.values()):
+        but.append("theorem1.conclusion alone speaks of all states and inputs")
+    if held:
+        verb = "speaks" if len(read_off) == 1 else "speak"
+        but.append(f"{_listed(list(read_off))} {verb} of every trial of {_listed([d.controller for d in held])}")
+    others = [d.controller for d in files if d not in held]
+    leaves = [safe_words.beyond_the_box(d) for d in held]
+    if others:
+        of = f" of {_listed(others)}" if held else ""
+        leaves.append(f"that no later trial{of} leaves it is not shown")
+    inner = f" ({'; '.join(but)})" if but else ""
+    return (
+        f"PROVED speaks of the boxes below only{inner}: what each controller's run met, "
+        "a little wider. A trial that leaves its box, another plant or measurement noise is not covered there, and "
+        f"{'; '.join(leaves)}. SUPPORTED speaks of this run."
+    )
 
 
 def boxes(files: Sequence[Dossier]) -> Sequence[Table]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -115,6 +116,11 @@ class Dossier:
 
     def attack_slopes(self, found: Finding) -> Held:
         """Hold the bounds of the slope against the exact derivative along recorded trials and plans."""
+        return self._held_slopes
+
+    @cached_property
+    def _held_slopes(self) -> Held:
+        """What several claims rest on alike: the bounds are the same, whatever was found of them."""
         e, slopes = self.evidence, self.slopes
         return _worse(
             *(
@@ -267,6 +273,23 @@ class Dossier:
     def reach(self) -> Array:
         """Probability that a trial reaches k + d, by row of the lifted plant."""
         return self.study.scenario.trial_length.reach_probability(self.study.horizon)[self.evidence.degree :]
+
+
+_at_hand: WeakValueDictionary[tuple[int, str], Dossier] = WeakValueDictionary()
+
+
+def dossier_of(campaign: Campaign, controller: str) -> Dossier:
+    """Return the dossier of a controller: the one that somebody has already, so that nothing is computed twice."""
+    place = id(campaign), controller  # a dossier keeps its campaign, so while there is one the id is of no other
+    found = _at_hand.get(place)
+    if found is None:
+        found = _at_hand[place] = Dossier(campaign, controller)
+    return found
+
+
+def dossiers_of(campaign: Campaign) -> list[Dossier]:
+    """Return the dossiers of all controllers of a campaign."""
+    return [dossier_of(campaign, str(name)) for name in campaign.data["controller"].values]
 
 
 def _worse(*held: Held) -> Held:

@@ -18,7 +18,8 @@ from verification.checks.settled import settled
 from verification.theorems import limit
 from verification.theorems.dossier import Dossier
 from workbench.contracts.claim import Claim, Role
-from workbench.contracts.finding import Finding, Grounds, undecided
+from workbench.contracts.finding import Finding, Grounds, Standing, undecided
+from workbench.contracts.number import after_number
 
 OURS = "ours"
 GAIN = "a learning gain between declared ends (learning_gain)"
@@ -100,7 +101,8 @@ def _found(d: Dossier) -> Finding:
     k = int(np.argmax(width))
     of = {signal.name: [float(ends[:, 0].min()), float(ends[:, 1].max())] for signal, ends in bands(d)}
     told = ", ".join(
-        f"{signal.name} {of[signal.name][0]:.5g} to {of[signal.name][1]:.5g} {signal.unit}" for signal, _ in bands(d)
+        f"{signal.name} {of[signal.name][0]:.5g} to {of[signal.name][1]:.5g}{after_number(signal.unit)}"
+        for signal, _ in bands(d)
     )
     if found.same:
         told += f", for each value of {', '.join(found.same)} that stays the same in all trials ({found.parts} parts)"
@@ -126,6 +128,28 @@ def _found(d: Dossier) -> Finding:
         f"is {found.slopes[0]:.4g} to {found.slopes[1]:.4g} there, l_max B = {found.reach:.4g}. The margin is the "
         f"lesser of the room of l_max B below 2 and of the widest band below {WIDEST:g} times the reference's range",
     )
+
+
+def covered(d: Dossier) -> bool:
+    """Tell whether bands of a controller hold every trial within the scope: there are some, and premises are met."""
+    if lacks_funnel(d) or isinstance(d.funnels.found, Open):
+        return False
+    return all(one.check().standing is Standing.PROVED for one in _premises(d))
+
+
+def ends(low: float, high: float, unit: str, digits: int = 4) -> str:
+    """Return a range in words, ``-1 to 2 m``; of a number alone that, and no unit of what has none."""
+    said = f"{low:.{digits}g}" + (f" to {high:.{digits}g}" if low < high else "")
+    return said if unit in ("", "1") else f"{said} {unit}"
+
+
+def words_of_scope(d: Dossier) -> str:
+    """Return for what the bands of a controller are shown, as it stands in brackets after them, or an empty text."""
+    found, scope = d.funnels.funnel, d.funnels.scope
+    said = [f"{what} {ends(one.low, one.high, one.unit, digits=6)}" for what, one in scope.shown().items()]
+    if found.same:
+        said.append("the same in all trials: " + ", ".join(found.same))
+    return "; ".join([*said, *(f"but {one}" for one in scope.open)])
 
 
 def bands(d: Dossier) -> list[tuple[Signal, Array]]:

@@ -9,7 +9,7 @@ lacks, and a study has claims of its own. What any study's run shows is asked in
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -24,8 +24,8 @@ from verification.checks import (
 )
 from verification.checks.error_map_replay import replay_monotone
 from verification.checks.premises import same_plant
-from verification.theorems import conclusion, funnel, limit
-from verification.theorems.dossier import Dossier
+from verification.theorems import conclusion, funnel, limit, safe_words
+from verification.theorems.dossier import Dossier, dossiers_of
 from verification.theorems.pictures import figures, funnel_figures
 from workbench.contracts.claim import Claim, Held, Range, Role
 from workbench.contracts.examination import Examination
@@ -42,20 +42,22 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
 
     Every claim is made of every law, or says which declared property it lacks.
     """
-    files = [Dossier(campaign, str(name)) for name in campaign.data["controller"].values]
+    files = dossiers_of(campaign)
     shown = [one for one in files if not one.lacks and one.done >= 2 and same_plant(campaign.study) is None]
+    ran = [one for one in files if one.done]
+    kept = cache(lambda: [one for one in ran if funnel.covered(one)])
     return Examination(
         claims=[claim for dossier in files for claim in claims_of(dossier)],
-        conclude=partial(conclusion.paragraphs, shown),
-        figures=lambda: {**figures(shown, full), **funnel_figures([one for one in files if one.done])},
-        tables=partial(conclusion.boxes, shown),
+        conclude=lambda verdicts: [*conclusion.paragraphs(shown, verdicts), *safe_words.paragraphs(ran, verdicts)],
+        figures=lambda: {**figures(shown, full), **funnel_figures(kept())},
+        tables=lambda: [*conclusion.boxes(shown), *safe_words.table(kept())],
         scores=partial(scores, campaign, shown),
     )
 
 
 def dossiers(campaign: Campaign) -> list[Dossier]:
     """Return a dossier for every controller of which the claims have a meaning, and that ran at least two trials."""
-    files = [Dossier(campaign, str(name)) for name in campaign.data["controller"].values]
+    files = dossiers_of(campaign)
     return [one for one in files if not one.lacks and one.done >= 2]
 
 

@@ -17,6 +17,7 @@ from verification.checks import limit
 from verification.checks.estimate_form import estimate_form
 from verification.checks.settled import settled
 from verification.enclosure.box import Box
+from verification.enclosure.rounding import rounding
 from verification.theorems.dossier import Dossier
 from workbench.contracts.claim import Claim, Held, Role
 from workbench.contracts.finding import Finding, Grounds, undecided
@@ -132,7 +133,16 @@ def _attack(d: Dossier, found: Finding) -> Held:
     errors = error[:, 1] - error[:, 0] if d.law.learns_on == "increment" else error[:, 1]
     met = (output, error, high * data["input"].values[: d.done, :1], d.begun.x0)
     magnitude = float(max(np.nanmax(np.abs(one)) for one in met if one.size))
-    return limit.held_at_first_sample(errors, gain, (low, high), magnitude)
+    return limit.held_at_first_sample(errors, gain, (low, high), magnitude, _rounds(d))
+
+
+def _rounds(d: Dossier) -> float:
+    """Return what the plant's equations round of the output at samples 0 and 1, whatever they compute in between."""
+    inputs, begun = d.campaign.data["input"].sel(controller=d.controller).values[: d.done, 0], d.begun
+    met = Box({"x": begun.x0, "u": (inputs.min(), inputs.max()), "w": begun.w[:, 0], "k": 0.0}, whole=("k",))
+    after, now = d.plant.next_output_function(), d.plant.output_function()
+    off = rounding(after, met), rounding(now, Box({"x": begun.x0}))
+    return float(sum(one.max() for rounded in off for one in rounded.values()))
 
 
 def _shared_premises(d: Dossier, over: Callable[[], Box] | None = None) -> Sequence[Claim]:

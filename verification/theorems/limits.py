@@ -10,10 +10,11 @@ import numpy as np
 from models.array import Array
 from models.plant import Signal
 from verification.checks.funnel import Open
-from verification.theorems.dossier import Dossier
+from verification.theorems.dossier import Dossier, dossiers_of
 from verification.theorems.funnel import bands, funnel_claim, lacks_funnel
 from workbench.contracts.claim import Claim, Role
 from workbench.contracts.finding import Finding, Grounds, undecided
+from workbench.contracts.number import after_number
 from workbench.trials.campaign import Campaign
 
 Ends = tuple[float, float]
@@ -24,7 +25,7 @@ def limits(campaign: Campaign) -> Sequence[Claim]:
     study = campaign.study
     if not study.verify.limits:
         return []
-    files = [Dossier(campaign, str(name)) for name in campaign.data["controller"].values]
+    files = dossiers_of(campaign)
     return [
         _limit(d, name, (-np.inf if low is None else low, np.inf if high is None else high))
         for d in files
@@ -36,7 +37,7 @@ def _limit(d: Dossier, name: str, ends: Ends) -> Claim:
     plant, refused = d.study.plant, d.study.refusals().get(d.controller)
     signal = next(one for one in (*plant.states, *plant.inputs, *plant.outputs) if one.name == name)
     asked = " and ".join(
-        f"{word} {value:g} {signal.unit}".rstrip()
+        f"{word} {value:g}{after_number(signal.unit)}"
         for word, value in zip(("not below", "not above"), ends, strict=True)
         if np.isfinite(value)
     )
@@ -74,8 +75,8 @@ def _within(d: Dossier, signal: Signal, ends: Ends, no_funnel: bool) -> Finding:
             bound=float(seen[trial, k]),
             bound_unit=signal.unit,
             witness=beside,
-            method=f"of {trials} recorded trials trial {trial + 1} comes nearest, with {seen[trial, k]:.5g} "
-            f"{signal.unit} at sample {k}",
+            method=f"of {trials} recorded trials trial {trial + 1} comes nearest, with {seen[trial, k]:.5g}"
+            f"{after_number(signal.unit)} at sample {k}",
         )
     found = d.funnels.found
     if isinstance(found, Open):
@@ -89,7 +90,7 @@ def _within(d: Dossier, signal: Signal, ends: Ends, no_funnel: bool) -> Finding:
 def _read(signal: Signal, band: Array, left: Array, high: float, beside: dict[str, object]) -> Finding:
     """Return what the band of a signal, (samples, 2), says of its bounds, with what room it leaves by sample."""
     at = int(np.argmin(left))
-    told = f"{band[at, 0]:.5g} to {band[at, 1]:.5g} {signal.unit}"
+    told = f"{band[at, 0]:.5g} to {band[at, 1]:.5g}{after_number(signal.unit)}"
     if left[at] < 0:
         return undecided(
             f"recorded trials stay within, and the band of all trials is {told} at sample {at}: a first plan nearer to "

@@ -10,7 +10,7 @@ import numpy as np
 from verification.checks import assumptions, convergence
 from verification.checks.funnel import Open
 from verification.theorems.dossier import Dossier
-from verification.theorems.funnel import bands, lacks_funnel
+from verification.theorems.funnel import bands, words_of_scope
 from workbench.contracts.examination import Figure
 from workbench.evidence import bands as plots_bands
 from workbench.evidence import figures as plots_ppd
@@ -53,18 +53,15 @@ def figures(files: Sequence[Dossier], full: bool) -> Mapping[str, Figure]:
 
 
 def funnel_figures(files: Sequence[Dossier]) -> Mapping[str, Figure]:
-    """Return the figures of safe learning, of every law for which there is a funnel."""
+    """Return the figures of safe learning, of controllers whose funnel holds every trial (``covered``)."""
     found: dict[str, Figure] = {}
     for d in files:
-        if lacks_funnel(d) or isinstance(d.funnels.found, Open):
-            continue
-        name = d.controller
-        shown = d.funnels.scope.shown()
-        scope = "; ".join(f"{what} {one.low:.6g} to {one.high:.6g} {one.unit}" for what, one in shown.items())
+        name, scope = d.controller, words_of_scope(d)
         found[f"funnel_{name}"] = Figure(
             caption=f"{name}: bands that every trial stays in, whatever the trial lengths and whatever the law "
-            f"estimates{f' (for {scope})' if scope else ''}; the recorded trials run inside.",
-            draw=partial(plots_bands.bands, name, _panels(d)),
+            f"estimates{f' (for {scope})' if scope else ''}, and recorded trials in them. A band that is thin for many "
+            "samples is drawn again, close up.",
+            draw=partial(plots_bands.bands, f"{name}: what no trial leaves", _panels(d)),
         )
         curve = d.funnels.curve
         if not isinstance(curve, Open):
@@ -73,7 +70,12 @@ def funnel_figures(files: Sequence[Dossier]) -> Mapping[str, Figure]:
                 caption=f"{name}: the bound of the mean square error over samples 1 to {curve.last}, which every trial "
                 "reaches, over the recorded error computed likewise.",
                 draw=partial(
-                    plots_bands.learning_curve, name, curve.common, errors, final=curve.final, unit=d.mse_unit
+                    plots_bands.learning_curve,
+                    f"{name}: the error of every trial",
+                    curve.common,
+                    errors,
+                    final=curve.final,
+                    unit=d.mse_unit,
                 ),
             )
     return found

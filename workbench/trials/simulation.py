@@ -212,8 +212,11 @@ def outside(plant: Plant, left: TrialRecord) -> list[str]:
         if lost.any():
             k = int(np.argmax(lost))
             ends = f"({'-∞' if low is None else f'{low:g}'} to {'∞' if high is None else f'{high:g}'} {signal.unit})"
-            where = f"left its domain {ends}" if np.isfinite(within[k]) else "was no number any more"
-            found.append((k, f"{signal.name} {where} at sample {k}: {within[k]:.4g} {signal.unit}"))
+            if np.isfinite(within[k]):
+                told = f"left its domain {ends} at sample {k}: {within[k]:.4g} {signal.unit}"
+            else:
+                told = f"was no number any more at sample {k}"
+            found.append((k, f"{signal.name} {told}"))
     return [min(found)[1]] if found else []
 
 

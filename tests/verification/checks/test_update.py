@@ -12,7 +12,7 @@ from learning_laws import Second
 
 from models.expression import as_expression
 from models.quantity import InvalidValue, declared, given, quantity
-from verification.checks import univariate
+from verification.checks import learned_gain, univariate
 from verification.checks.update import first_plan, held_update, learns_as_declared, replay
 from verification.decide.judge import Judge
 from verification.theorems.dossier import Dossier
@@ -390,6 +390,67 @@ def test_declared_ends_of_an_estimate_are_tight_and_no_narrower_ones_are_shown(d
         assert learns_as_declared(declared_by, asked).standing is not PROVED
     monkeypatch.undo()
     assert learns_as_declared(declared_by, asked).standing is PROVED
+
+
+KEPT = law("kept", lambda self, m, t: m.more * e(t))(low=0.2, high=0.4, more=np.full((1, N), 0.3))
+OTHERS = {
+    "itself": (KEPT, {}, PROVED),
+    "a wider end": (law("kept", lambda self, m, t: m.more * e(t))(low=0.2, high=0.5, more=KEPT.more), {}, PROVED),
+    "a narrower end": (law("kept", lambda self, m, t: m.more * e(t))(low=0.2, high=0.29, more=KEPT.more), {}, REFUTED),
+    "another memory": (
+        law("kept", lambda self, m, t: m.more * e(t))(low=0.2, high=0.4, more=2 * KEPT.more),
+        {},
+        REFUTED,
+    ),
+    "another expression": (
+        law("kept", lambda self, m, t: 2 * m.more * e(t))(low=0.2, high=0.4, more=KEPT.more),
+        {},
+        REFUTED,
+    ),
+    "another signal": (
+        law("kept", lambda self, m, t: m.more * e(t), learns_on="increment")(low=0.2, high=0.4, more=KEPT.more),
+        {},
+        REFUTED,
+    ),
+    "whole trials": (KEPT, {"varying": False}, PROVED),
+    "bare": (law("bare", lambda self, m, t: m.more * t.e[1:])(low=0.2, high=0.4, more=KEPT.more), {}, REFUTED),
+    "bare, whole trials": (
+        law("bare", lambda self, m, t: m.more * t.e[1:])(low=0.2, high=0.4, more=KEPT.more),
+        {"varying": False},
+        PROVED,
+    ),
+    "more samples": (law("kept", lambda self, m, t: 0.3 * e(t))(low=0.2, high=0.4), {"samples": N + 3}, PROVED),
+}
+
+
+@pytest.mark.parametrize("asked_first", OTHERS)
+def test_an_answer_that_is_kept_is_that_of_what_was_asked(asked_first):
+    """Whatever was asked before, each law gets its own answer, once."""
+    learned_gain._known.cache_clear()
+    for name in [asked_first, *OTHERS, *OTHERS]:
+        one, changes, standing = OTHERS[name]
+        assert learns_as_declared(one, task(**changes)).standing is standing, name
+    assert learned_gain._known.cache_info().misses == len(OTHERS)
+
+
+def test_a_function_of_python_is_asked_each_time():
+    class Halved(ca.Callback):
+        def __init__(self):
+            ca.Callback.__init__(self)
+            self.construct("halved", {})
+
+        def get_sparsity_in(self, i):
+            return ca.Sparsity.dense(1, N)
+
+        def get_sparsity_out(self, i):
+            return ca.Sparsity.dense(1, N)
+
+        def eval(self, arg):
+            return [arg[0] / 2]
+
+    halved = Halved()
+    found = learns_as_declared(law("halved", lambda self, m, t: 0.3 * e(t) + (halved(m.u) - m.u / 2))(), task())
+    assert found.standing is UNDECIDED and "cannot be read" in found.method, found.method
 
 
 def test_a_first_plan_is_what_the_law_would_run_first():
