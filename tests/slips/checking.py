@@ -334,7 +334,7 @@ def parts_cover_a_range():
 def a_domain_has_two_sides():
     plant = small("Bounded", lambda x, u, k: (x[0] + 0.5 * u,), inputs=(Signal("u", "1", domain=(0.0, 1.0)),))
     for low, high in ((-0.5, 0.5), (0.5, 1.5)):
-        assert not isinstance(maker(plant=plant)._of_use(sets(low, high)), Carried)
+        assert not isinstance(maker(plant=plant).of_use(sets(low, high)), Carried)
 
 
 def the_curve_lies_above_the_run():
@@ -906,7 +906,7 @@ SLIPS = (
     ),
     Slip(
         where="verification.checks.learned_gain:Shown._kept",
-        stands="if not self.learned.task.varying_lengths:",
+        stands="if not self.learned.varying_lengths:",
         slipped="if self.learned is not None:",
         causes="a law that moves plans where no trial came is PROVED to keep them",
         check=the_plan_is_kept_where_no_trial_came,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from pathlib import Path
 
@@ -17,6 +18,12 @@ def test_no_two_slips_are_in_one_function():
     assert [where for where, count in Counter(slip.where for slip in SLIPS).items() if count > 1] == []
     assert all(slip.causes and slip.stands != slip.slipped for slip in SLIPS)
     assert len(SLIPS) >= 60
+
+
+def test_a_slip_whose_text_is_gone_says_so():
+    gone = dataclasses.replace(SLIPS[0], stands="a text that is nowhere")
+    with pytest.raises(AssertionError, match="has changed.* plant it anew"), planted(gone):
+        pass
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
