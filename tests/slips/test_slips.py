@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+
 from slips import checking, deciding, enclosing, running, studying
 from slips.planting import Slip, planted
 

@@ -52,6 +52,17 @@ def test_noise_stays_in_its_bound_and_comes_near_it(noise, plant, bound):
         assert size <= limit and (limit == 0 or size > (0.99 * limit if np.isfinite(limit) else 1.0))
 
 
+@pytest.mark.parametrize(
+    "noise", [NormalNoise(sigma=1.0), NormalNoise(sigma=1.0, limit=0.5), UniformNoise(largest=1.0)]
+)
+def test_noise_is_that_of_its_stream(noise):
+    """A stream gives its own noise, and other noise the next time: every trial meets another."""
+    one, again, other = (np.random.default_rng(seed) for seed in (1, 1, 2))
+    first, second = noise.draw(ONE, 9, one), noise.draw(ONE, 9, one)
+    assert np.array_equal(first, noise.draw(ONE, 9, again)) and not np.array_equal(first, second)
+    assert not np.array_equal(first, noise.draw(ONE, 9, other))
+
+
 def test_truncated_noise_is_normal_between_its_limits():
     drawn = NormalNoise(sigma=1.0, limit=1.0).draw(ONE, 50_000, np.random.default_rng(2))[0]
     from scipy.stats import kstest, truncnorm
