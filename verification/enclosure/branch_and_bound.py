@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from verification.enclosure import outward
-from verification.enclosure.interval import Value, evaluate, reason
+from verification.enclosure.guards import Value
+from verification.enclosure.interval import evaluate, reason
 from verification.enclosure.outward import Array, Mask, Span
 from verification.enclosure.rewriting import Rewritten
 from verification.enclosure.slopes import gradient
