@@ -1,9 +1,9 @@
 """What is left of boxes where a condition holds: coordinates and quantities narrowed backwards through the condition.
 
-A condition is taken apart into literals: comparisons that hold or do not. From each the ends of what it compares are
-cut, then the ends of what that is made of, operation by operation, down to the coordinates (HC4-revise: Benhamou,
-Goualard, Granvilliers and Puget 1999). An alternative (`or`, |x| > c) gives a part for each case. Parts are closed: they
-hold every point of the box at which the condition holds and the limits of such points, whether it is strict or not.
+A condition is taken apart into literals: comparisons that hold or do not. From each the ends of what it compares
+are cut, then the ends of what that is made of, down to the coordinates (HC4-revise: Benhamou,
+Goualard, Granvilliers and Puget 1999). An alternative (`or`, |x| > c) gives a part for each case. Parts are closed:
+they hold every point of the box at which the condition holds and the limits of such points, whether it is strict or not.
 """
 
 from __future__ import annotations

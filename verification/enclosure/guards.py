@@ -31,7 +31,7 @@ class Value(NamedTuple):
     fault: NDArray[np.int64] | None
 
 
-Evaluate = Callable[..., dict[int, Value]]  # of a graph, ends of boxes, targets, what is held, and the work that is left
+Evaluate = Callable[..., dict[int, Value]]  # of a graph, ends of boxes, targets, what is held, and what may be spent
 Condition = tuple[int, bool]
 """A node, and whether it holds."""
 
