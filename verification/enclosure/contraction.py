@@ -3,12 +3,12 @@
 A condition is taken apart into literals: comparisons that hold or do not. From each the ends of what it compares
 are cut, then the ends of what that is made of, down to the coordinates (HC4-revise: Benhamou,
 Goualard, Granvilliers and Puget 1999). An alternative (`or`, |x| > c) gives a part for each case. Parts are closed:
-they hold every point of the box at which the condition holds and the limits of such points, whether it is strict or not.
+they hold every point of the box at which the condition holds and the limits of such points, be it strict or not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from verification.enclosure import outward, outward_logic
 from verification.enclosure.outward import Array, Mask, Span
 from verification.enclosure.rewriting import MEET, Rewritten
-from workbench.graph.operations import BOOLEAN, COMPARISONS, INPUT
+from workbench.graph.operations import BOOLEAN, COMPARISONS, CONSTANT, INPUT
 
 MOST_PARTS = 4
 """Alternatives of a condition that are taken apart; one with more narrows nothing."""
@@ -67,10 +67,9 @@ def _cases(graph: Rewritten, condition: int, holds: bool) -> tuple[Conjunction, 
 
 def narrows(graph: Rewritten, alternatives: tuple[Conjunction, ...], target: int) -> bool:
     """Say whether literals tell anything about what a node depends on."""
-    return all(alternatives) and not set(graph.ancestors((target,))).isdisjoint(
-        k for k in graph.ancestors(tuple({one.node for case in alternatives for one in case}))
-        if graph.nodes[k].op != "const"
-    )  # fmt: skip
+    told = graph.ancestors(tuple({one.node for case in alternatives for one in case}))
+    needed = set(graph.ancestors((target,)))
+    return all(alternatives) and any(k in needed for k in told if graph.nodes[k].op != CONSTANT)
 
 
 class Parts(NamedTuple):
@@ -93,11 +92,38 @@ def _limits(node: str, holds: bool, a: Span, b: Span) -> tuple[Span, Span]:
     return Span(np.maximum(a.lo, b.lo), a.hi), Span(b.lo, np.minimum(b.hi, a.hi))
 
 
-def contract(graph: Rewritten, values: Mapping[int, Span], case: Conjunction, count: int) -> tuple[Held, Mask]:
+def contract(
+    graph: Rewritten, values: Mapping[int, Span], case: Conjunction, count: int, wanted: Iterable[int] = ()
+) -> tuple[Held, Mask]:
     """Return narrower ends of quantities where literals hold, and say on which of so many boxes there may be a point.
 
-    ``values`` encloses what the literals depend on. Ends that would be empty are left as they are.
+    ``values`` encloses what the literals depend on. Ends that would be empty are left as they are. Of differences of
+    two quantities that are compared, where they are ``wanted``, the sign is known.
     """
+    with np.errstate(all="ignore"):
+        known, alive = _contract(graph, values, case, count)
+    return {**known, **_differences(graph, case, wanted)}, alive
+
+
+def _differences(graph: Rewritten, case: Conjunction, wanted: Iterable[int]) -> Held:
+    """Return the signs of differences x - y, of those that are wanted, where x and y are compared."""
+    signs: dict[tuple[int, ...], tuple[float, float]] = {}
+    for literal in case:
+        node = graph.nodes[literal.node]
+        if literal.holds is not None and node.op in ("lt", "le"):
+            small, large = node.args if literal.holds else node.args[::-1]
+            signs[large, small], signs[small, large] = (0.0, np.inf), (-np.inf, 0.0)
+    if not signs:
+        return {}
+    found = {
+        k: signs[graph.nodes[k].args] for k in wanted if graph.nodes[k].op == "sub" and graph.nodes[k].args in signs
+    }
+    return {k: Span(np.array([low]), np.array([high])) for k, (low, high) in found.items()}
+
+
+def _contract(
+    graph: Rewritten, values: Mapping[int, Span], case: Conjunction, count: int
+) -> tuple[dict[int, Span], Mask]:
     known: dict[int, Span] = {}
     alive = np.ones(count, dtype=bool)
 

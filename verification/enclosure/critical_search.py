@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,11 @@ class Question:
     conditions: tuple[Condition, ...] = ()
     inside: str = "both"
 
+    @cached_property
+    def _needed(self) -> frozenset[int]:
+        """What the level depends on, if any condition may tell something about it."""
+        return frozenset(self.table.graph.ancestors((self.level,)) if self.conditions else ())
+
     def levels(self, lower: Array, upper: Array) -> Span:
         """Enclose the deciding argument on many boxes."""
         low, high = evaluate(self.table.graph, lower, upper, [self.level])[self.level].span
@@ -86,7 +92,7 @@ class Question:
         """Enclose the deciding argument where the operation counts; the second says to which box each part belongs."""
         graph = self.table.graph
         with np.errstate(all="ignore"):
-            parts = restricted(graph, lower, upper, self.conditions, evaluate)
+            parts = restricted(graph, lower, upper, self.conditions, evaluate, wanted=self._needed)
         return evaluate(graph, parts.lower, parts.upper, [self.level], parts.held)[self.level], parts.owner
 
     def answer(self, reachable: Reachable, why: str, at: Array | None = None) -> Reach:

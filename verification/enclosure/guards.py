@@ -60,12 +60,9 @@ def restricted(
     conditions: Iterable[Condition],
     evaluate: Evaluate,
     held: Held | None = None,
-    wanted: frozenset[int] | None = None,
+    wanted: frozenset[int] = frozenset(),
 ) -> Parts:
-    """Return what is left of boxes where conditions hold.
-
-    ``wanted`` names quantities whose narrower ends are to be kept, by default all.
-    """
+    """Return what is left of boxes where conditions hold; of the quantities that are wanted, narrower ends are kept."""
     parts = Parts(lower, upper, held or {}, np.arange(lower.shape[1]))
     for condition, holds in conditions:
         count = parts.lower.shape[1]
@@ -82,10 +79,9 @@ def restricted(
         if len(alternatives) * count > _SPREAD * max(lower.shape[1], 1):
             alternatives = ((),)
         spans = {k: value.span for k, value in values.items()}
-        found = [contract(graph, spans, case, count) for case in alternatives]
+        found = [contract(graph, spans, case, count, wanted) for case in alternatives]
         found = [(ends, alive & possible) for ends, alive in found]
-        keep = frozenset().union(*(ends for ends, _ in found)) if wanted is None else wanted
-        fresh = gathered(graph, parts.lower, parts.upper, parts.held, found, keep)
+        fresh = gathered(graph, parts.lower, parts.upper, parts.held, found, wanted)
         parts = fresh._replace(owner=parts.owner[fresh.owner])
     return parts
 

@@ -23,6 +23,7 @@ from workbench.graph.operations import CONSTANT, INPUT, LOOKUP
 
 Faults = NDArray[np.int64]
 
+
 def _mean_slope(op: str) -> Callable[[Span], Span]:
     """Return what encloses op(x) / x for an operation that is zero at zero: by the mean value theorem it is a slope."""
 
