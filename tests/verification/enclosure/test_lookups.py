@@ -158,7 +158,9 @@ def test_a_spline_is_bounded_by_its_coefficients_and_closer_on_small_boxes():
     values = np.array([float(f(one)) for one in at])
     found = bound(f, Box({"x": (-2, 3)}))
     assert found.reason is None
-    assert found.lower <= values.min() <= found.lower + 1e-5 and found.upper - 1e-5 <= values.max() <= found.upper + 1e-9
+    assert (
+        found.lower <= values.min() <= found.lower + 1e-5 and found.upper - 1e-5 <= values.max() <= found.upper + 1e-9
+    )
     assert prove_bounds(f, Box({"x": (-2, 3)}), upper=float(values.max()) - 0.01).standing == "refuted"
 
 
@@ -169,7 +171,9 @@ def test_a_surface_is_bounded_to_the_tolerance():
     f = ca.Function("f", [x := ca.MX.sym("x", 2)], [table(x)], ["x"], ["f"])
     found = bound(f, Box({"x": ([0, 0], [4, 2])}))
     assert found.reason is None
-    assert found.lower == pytest.approx(numbers.min(), abs=1e-6) and found.upper == pytest.approx(numbers.max(), abs=1e-6)
+    assert found.lower == pytest.approx(numbers.min(), abs=1e-6) and found.upper == pytest.approx(
+        numbers.max(), abs=1e-6
+    )
 
 
 # ------------------------------------------------------------------ where tables are not smooth
@@ -220,7 +224,11 @@ def test_breakpoints_are_listed_and_reached_where_they_lie():
 
 
 def test_slopes_hold_both_sides_of_a_kink_and_say_nothing_across_a_jump():
-    for f, low, high, usable in ((of(LINEAR), 0.5, 1.5, True), (of(CUBIC), 2.0, 3.0, True), (of(CUBIC), 2.0, 3.5, False)):
+    for f, low, high, usable in (
+        (of(LINEAR), 0.5, 1.5, True),
+        (of(CUBIC), 2.0, 3.0, True),
+        (of(CUBIC), 2.0, 3.5, False),
+    ):
         found = rewritten(f)
         (node,) = found.targets()
         ends = np.array([[low]]), np.array([[high]])
