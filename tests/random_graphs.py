@@ -69,7 +69,7 @@ def random_graph(rng: np.random.Generator, size: int, tabled: bool = False) -> G
             numbers.append(add(Node(LOOKUP, some(numbers, tables[which].dimensions), which=which)))
         else:
             op = str(rng.choice(PLAIN))
-            numbers.append(add(Node(op, some(numbers, 2 if op in PLAIN[:4] + ("fmin", "fmax") else 1))))
+            numbers.append(add(Node(op, some(numbers, 2 if op in (*PLAIN[:4], "fmin", "fmax") else 1))))
     ports = tuple(Port(name, (1, 1), ((0, 0),), (name,)) for name in "xy")
     result = Result("f", (1, 1), (Entry(0, 0, numbers[-1]),))
     return Graph(name="f", inputs=ports, outputs=(result,), nodes=tuple(nodes), tables=tables, lookups=lookups)

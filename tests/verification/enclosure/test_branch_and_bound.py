@@ -43,10 +43,11 @@ def _counted(monkeypatch, question) -> tuple[int, int]:
 def test_fewer_boxes_bound_known_functions_to_the_same_tolerance(monkeypatch, slopes):
     totals = np.zeros(2, dtype=int)
     for expression, least in KNOWN:
-        found = bound(scalar(expression), BOX, tolerance=1e-3, slopes=slopes)
+        f = scalar(expression)
+        found = bound(f, BOX, tolerance=1e-3, slopes=slopes)
         assert found.reason is None
         assert found.lower <= least <= found.attained_min.upper + 1e-12
-        counts = _counted(monkeypatch, lambda f=scalar(expression): bound(f, BOX, tolerance=1e-3, slopes=slopes))
+        counts = _counted(monkeypatch, lambda f=f: bound(f, BOX, tolerance=1e-3, slopes=slopes))
         assert counts[0] <= counts[1]
         totals += counts
     assert totals[0] < 0.9 * totals[1], totals
@@ -56,12 +57,9 @@ def test_fewer_boxes_bound_known_functions_to_the_same_tolerance(monkeypatch, sl
 def test_fewer_boxes_prove_known_bounds(monkeypatch, slopes):
     totals = np.zeros(2, dtype=int)
     for expression, least in KNOWN:
-        proof = prove_bounds(scalar(expression), BOX, lower=least - 0.05, slopes=slopes)
-        assert proof.standing == "proved"
-        totals += _counted(
-            monkeypatch,
-            lambda f=scalar(expression), level=least - 0.05: prove_bounds(f, BOX, lower=level, slopes=slopes),
-        )
+        f, level = scalar(expression), least - 0.05
+        assert prove_bounds(f, BOX, lower=level, slopes=slopes).standing == "proved"
+        totals += _counted(monkeypatch, lambda f=f, level=level: prove_bounds(f, BOX, lower=level, slopes=slopes))
     assert totals[0] < 0.8 * totals[1], totals
 
 
