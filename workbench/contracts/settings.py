@@ -167,7 +167,7 @@ def _numbers(thing: object, prefix: str) -> Iterator[tuple[str, float | tuple[fl
         if spec.kind == "part":
             for inner, within in parts(value):
                 yield from _numbers(within, f"{path}.{inner}." if inner else f"{path}.")
-        elif spec.kind == "number" and not spec.structural or spec.kind == "table" and met:
+        elif (spec.kind == "number" and not spec.structural) or (spec.kind == "table" and met):
             if isinstance(value, (float, tuple)) and np.any(value):
                 yield path, value
 

@@ -12,7 +12,6 @@ import dataclasses
 import os
 import re
 from collections.abc import Sequence
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -32,30 +31,29 @@ def in_single(fold: Fold) -> Fold:
 
     Raises InvalidValue where CasADi writes no C of it, or there is no compiler.
     """
-    return dataclasses.replace(fold, start=_single(fold.start), trial=_single(fold.trial))
-
-
-def _single(function: ca.Function) -> ca.Function:
-    """Return a function of the same inputs and outputs that computes in single precision."""
-    generator = ca.CodeGenerator(f"{function.name()}.c", {"with_header": False, "casadi_real": "float"})
+    generator = ca.CodeGenerator(f"{fold.trial.name()}.c", {"with_header": False, "casadi_real": "float"})
     try:
-        generator.add(function)
+        generator.add(fold.start)
+        generator.add(fold.trial)
         text = _CONSTANT.sub(r"\1f", generator.dump())
     except RuntimeError as error:
         said = str(error).strip().splitlines()
-        raise InvalidValue(f"CasADi writes no C of {function.name()} ({said[-1] if said else 'no message'})") from None
-    built = library(f"{function.name()[:64]}-single", text)
+        raise InvalidValue(
+            f"CasADi writes no C of {fold.trial.name()} ({said[-1] if said else 'no message'})"
+        ) from None
+    built = library(f"{fold.trial.name()[:64]}-single", text)
     if built is None:
-        raise InvalidValue(f"no C of {function.name()} could be built: a C compiler is needed (set CC to one)")
-    return _Single(function, built)
+        raise InvalidValue(f"no C of {fold.trial.name()} could be built: a C compiler is needed (set CC to one)")
+    code = ctypes.CDLL(str(built), mode=os.RTLD_NOW)
+    return dataclasses.replace(fold, start=_Single(fold.start, code), trial=_Single(fold.trial, code))
 
 
-class _Single(ca.Callback):  # type: ignore[misc]  # CasADi's classes are untyped
+class _Single(ca.Callback):
     """A library of single precision as a Function of doubles."""
 
-    def __init__(self, function: ca.Function, built: Path) -> None:
+    def __init__(self, function: ca.Function, code: ctypes.CDLL) -> None:
         ca.Callback.__init__(self)
-        self._function, self._code = function, ctypes.CDLL(str(built), mode=os.RTLD_NOW)
+        self._function, self._code = function, code
         name, sizes = function.name(), (ctypes.c_longlong * 4)()
         self._code[f"{name}_work"](*(ctypes.byref(sizes, 8 * i) for i in range(4)))
         self._takes = [np.zeros(function.nnz_in(i), dtype=np.float32) for i in range(function.n_in())]
