@@ -23,7 +23,7 @@ STANDINGS = {
 """The sign of every standing, and what it says of a claim."""
 SURVIVED = (
     "how many survive when every setting changes by a part in 1e12, when it changes by a part in 1e6, and in single "
-    "precision; exact where no bit changes, – where that was not looked at"
+    "precision; exact where no bit changes, - where that was not looked at"
 )
 """What the digits beside a score are."""
 FEW = 5
@@ -64,7 +64,7 @@ def shown_value(value: object, number: Callable[[float], str] = shown) -> str:
 def survives(digits: Survivals, controller: str, metric: str) -> str:
     """Return how many digits of a score survive, as short text."""
     found = digits.get(controller, {}).get(metric)
-    return "–" if found is None else found.shown
+    return "-" if found is None else found.shown
 
 
 def setting(value: object) -> str:

@@ -52,5 +52,5 @@ def digits(change: float) -> float:
 
 def _word(change: float | None) -> str:
     if change is None:
-        return "–"
+        return "-"
     return "exact" if change == 0 else str(int(digits(change)))
