@@ -152,6 +152,12 @@ EXPECTED: Expectations = {
         ),
     ),
     "does_not_diverge": (Expected(standing=Standing.SUPPORTED, why="every law runs its periods, even where it grows"),),
+    "conditioning": (
+        Expected(
+            standing=Standing.SUPPORTED,
+            why="no law multiplies what is off by more than a hundred; on a flat line, where the error is small, by 1e6",
+        ),
+    ),
     "error_falls": (
         Expected(standing=Standing.SUPPORTED, why="what is learned in a period is used in the next"),
         Expected(
