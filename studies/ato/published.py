@@ -80,7 +80,7 @@ EXPECTED: Expectations = {
         Expected(standing=S, why="one run with feedback that forgets"),
         Expected(
             standing=R,
-            why="the mean of maxima jumps at du = 0, where the step begins: what is off by any little takes the other side",
+            why="the mean of maxima jumps at du = 0, where the step begins: any change takes the other side",
             controllers=("fipid", "bp-fipid", "bp-frozen", "fixed-best"),
             cases=("default",),
         ),

@@ -155,7 +155,7 @@ EXPECTED: Expectations = {
     "conditioning": (
         Expected(
             standing=Standing.SUPPORTED,
-            why="no law multiplies what is off by more than a hundred; on a flat line, where the error is small, by 1e6",
+            why="no law multiplies what is off by much more than 100; on a flat line, where errors are small, by 1e6",
         ),
     ),
     "error_falls": (
