@@ -183,19 +183,19 @@ def test_of_several_outputs_the_worst_decides():
         outputs = states
 
         def step(self, x, u, w, k):
-            return 4 * x.x0 * (1 - x.x0) + u.u, 0.5 * x.x1
+            return 0.5 * x.x0 + u.u, 4 * x.x1 * (1 - x.x1) + 0 * x.x0
 
         def output(self, x):
             return x.x0, x.x1
 
     of = Digits(
         campaign(
-            Pair(), 15, reference=np.zeros((2, 16)), initial=From(state=(START, 1.0)), controllers={"law": Nothing()}
+            Pair(), 15, reference=np.zeros((2, 16)), initial=From(state=(1.0, START)), controllers={"law": Nothing()}
         )
     )
     table = of.table["law"]
     assert of.last("law", SMALL).change == max(table["mse_last_x0"].small, table["mse_last_x1"].small)
-    assert table["mse_last_x1"].small < 3e-12 < table["mse_last_x0"].small
+    assert table["mse_last_x0"].small < 3e-12 < table["mse_last_x1"].small
 
 
 def test_of_a_law_that_fell_the_last_trial_that_ran_is_meant():
@@ -317,9 +317,11 @@ def test_a_refutation_is_replayed_from_its_draw(written):
         (Survival(0.0, 0.0, 0.0), "exact"),
         (Survival(0.0, 0.0, None), "exact / exact / -"),
         (Survival(0.0, 0.0, 0.02), "exact / exact / 1"),
+        (Survival(0.0, 1e-9, 0.0), "exact / 9 / exact"),
         (Survival(4.6e-12, 4.6e-6, 3.2e-6), "11 / 5 / 5"),
         (Survival(math.inf, 2.0, None), "0 / 0 / -"),
     ],
 )
 def test_digits_in_words(one, words):
     assert one.shown == words
+    assert one.exact is (one.small == one.large == 0)

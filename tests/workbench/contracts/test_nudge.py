@@ -7,6 +7,7 @@ import pytest
 from learning_laws import Planned, Second
 
 from models.quantity import count, declared, quantity, table
+from models.reference import Reference
 from studies.maglev.study import STUDY as MAGLEV
 from studies.metro.study import STUDY as METRO
 from workbench.contracts import settings
@@ -108,6 +109,26 @@ def test_a_run_of_another_shape_is_not_made():
     assert MAGLEV.horizon == nudged(MAGLEV, 1e-6, 0).study.horizon
     assert all(path.startswith("reference.") for path in nudged(MAGLEV, 1e-6, 0).kept)
     assert not nudged(MAGLEV, 1e-12, 0).kept
+
+
+@declared
+class Lasting(Reference):
+    """A ramp that lasts a time which is a multiple of the sampling time: longer by anything, it has a sample more."""
+
+    seconds: float = quantity(default=20.0, unit="s", doc="how long it lasts", above=0)
+    height: float = quantity(default=2.0, unit="1", doc="where it ends")
+
+    def samples(self, plant):
+        last = int(np.ceil(self.seconds / float(plant.sampling_time)))
+        return self.height * np.linspace(0.0, 1.0, last + 1)[None, :]
+
+
+@pytest.mark.parametrize("draw", range(6))
+def test_a_run_with_a_sample_more_is_not_made(draw):
+    made = nudged(study(reference=Lasting()), 1e-6, draw)
+    assert made.study.horizon == 20 and "reference.height" in made.moved
+    longer = varied(made.study)["reference.seconds"] > varied(made.study)["plant.sampling_time"] * 20
+    assert not longer
 
 
 def test_a_law_that_would_refuse_the_task_is_left_as_it_is():

@@ -5,12 +5,13 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from learning_laws import Planned, Second
+from learning_laws import Plan, Planned, Second
 from small_plants import small
 
-from models.quantity import InvalidValue
+from models.quantity import InvalidValue, declared
 from workbench.contracts.scenario import NormalNoise
 from workbench.contracts.study import Study
+from workbench.controllers.parts.rows import known
 from workbench.controllers.rmpc import RMPC
 from workbench.fold.single import in_single
 from workbench.trials.simulation import ready, ready_in_single, runner_in_single
@@ -44,9 +45,9 @@ PLANTS = {
 }
 
 
-def plainly(step, states, noise):
+def plainly(step, states, noise, gain=0.3):
     """Return the outputs of every trial, (trials, N + 1), and their mean square errors, in float32 throughout."""
-    r, gain = REFERENCE.astype(F), F(0.3)
+    r, gain = REFERENCE.astype(F), F(gain)
     u, rows, errors = np.full(SAMPLES, F(0.1)), [], []
     for one in noise:
         x, y = (F(0),) * states, [F(0)]
@@ -91,6 +92,21 @@ def test_numbers_that_no_float32_holds_become_infinite_and_nan_stays():
     made = study(small("huge", lambda x, u, k: (1e30 * u * 1e30,)), trials=1)
     (left,) = runner_in_single(made, "law").trials(made.inputs())
     assert np.isinf(left.y[0, 1:]).all()
+
+
+@declared
+class Tenth(Planned):
+    """It learns with a gain that is written into its equations."""
+
+    def learn(self, memory, trial):
+        return Plan(memory.u + 0.1 * known(trial.reached, trial.e)[1:])
+
+
+def test_constants_between_trials_are_rounded_too():
+    made = study(Second(), controllers={"law": Tenth()})
+    of_loop, _ = plainly(linear, 2, [np.zeros(SAMPLES + 1)] * TRIALS, gain=0.1)
+    left = list(runner_in_single(made, "law").trials(made.inputs()))
+    assert np.array_equal([one.y[0] for one in left], of_loop)
 
 
 def test_quantities_are_inputs_still_and_the_fold_in_doubles_is_as_it_was():
