@@ -1,8 +1,8 @@
 """The folded trial in single precision: the same operations in the same order, every number of them a float32.
 
-CasADi writes the C of a Function for any kind of number. Here it is built for ``float``, its constants rounded to it
-too, and called through a Function that takes and gives doubles: what runs trials need not know. A function of C's
-library (a sine, a power) is taken in double precision and rounded, as nearly right as a float32 can be.
+CasADi writes the C of a Function for any kind of number, and keeps every constant and every result in one. Here it is
+built for ``float`` and called through a Function that takes and gives doubles: what runs trials need not know. A
+function of C's library (a sine, a power) is taken in double precision and rounded, as nearly right as a float32 can be.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import os
-import re
 from collections.abc import Sequence
 
 import casadi as ca
@@ -22,8 +21,6 @@ from workbench.fold.fold import Fold
 from workbench.fold.machine_code import library
 
 Floats = NDArray[np.float32]
-_CONSTANT = re.compile(r"(?<![\w.])(\d+\.\d*(?:[eE][+-]?\d+)?)(?![\w.])")
-"""A number with a point in C, which is a double where nothing follows it."""
 
 
 def in_single(fold: Fold) -> Fold:
@@ -35,7 +32,7 @@ def in_single(fold: Fold) -> Fold:
     try:
         generator.add(fold.start)
         generator.add(fold.trial)
-        text = _CONSTANT.sub(r"\1f", generator.dump())
+        text = generator.dump()
     except RuntimeError as error:
         said = str(error).strip().splitlines()
         raise InvalidValue(
