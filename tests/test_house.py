@@ -180,6 +180,58 @@ def test_the_graph_stands_alone():
         )
 
 
+def copied(texts: dict[str, str], least: int = 40) -> list[tuple[str, ...]]:
+    """Return the functions and classes of modules that stand word for word in more than one of them.
+
+    ``least`` is how many nodes a body has: shorter ones may be alike.
+    """
+    places: dict[tuple[str, str], list[str]] = {}
+    for module, text in texts.items():
+        for node in ast.parse(text).body:
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and sum(1 for _ in ast.walk(node)) >= least:
+                places.setdefault((node.name, ast.dump(node)), []).append(module)
+    return sorted((name, *sorted(modules)) for (name, _), modules in places.items() if len(modules) > 1)
+
+
+def left_behind(texts: dict[str, str], besides: str = "") -> list[str]:
+    """Return the modules that nobody names: no other one, nor ``besides``, imports them or tells their file.
+
+    Packages and what is run by itself are no such modules.
+    """
+    named: set[str] = set()
+    for module, text in texts.items():
+        for node in ast.walk(ast.parse(text)):
+            match node:
+                case ast.ImportFrom(module=str(origin)):
+                    named |= {origin, *(f"{origin}.{alias.name}" for alias in node.names)} - {module}
+                case ast.Import():
+                    named |= {alias.name for alias in node.names} - {module}
+                case ast.Constant(value=str(said)):
+                    named |= {one for one in texts if one != module and said in (one, one.rpartition(".")[2] + ".py")}
+    alone = {module for module, text in texts.items() if "__main__" in module or 'if __name__ == "__main__"' in text}
+    folders = {module.rpartition(".")[0] for module in texts}
+    return sorted(one for one in set(texts) - named - alone - folders if f'"{one}:' not in besides)
+
+
+def texts_of_all() -> dict[str, str]:
+    return {dotted(path): path.read_text(encoding="utf-8") for path in SOURCES}
+
+
+def test_nothing_is_copied_or_left_behind():
+    texts = texts_of_all()
+    assert copied(texts) == []
+    assert left_behind(texts, (ROOT / "pyproject.toml").read_text(encoding="utf-8")) == []
+
+
+@pytest.mark.parametrize(("module", "old"), [("verification.checks.jump", "verification.jump"),
+                                             ("workbench.trials.metrics", "workbench.metrics")])  # fmt: skip
+def test_a_module_left_at_its_old_place_is_seen(module, old):
+    texts = texts_of_all()
+    texts[old] = texts[module]
+    assert old in left_behind(texts)
+    assert all({module, old} <= set(one) for one in copied(texts)) and copied(texts)
+
+
 def test_modules_are_short():
     long = {dotted(path): count for path in SOURCES if (count := len(path.read_text().splitlines())) > 400}
     assert long == {}

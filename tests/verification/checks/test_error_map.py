@@ -377,6 +377,7 @@ CURVES = [
     ("a peak, and the map diverges", RISING, np.array([1.0, 1e9, np.nan, np.nan, np.nan]), REFUTED),
     ("it falls as predicted", FALLING, FALLING * np.array([1, 2, 0.5, 2, 0.5]), SUPPORTED),
     ("it falls much slower", FALLING, np.array([1.0, 0.03, 1e-3, 3e-5, 1e-6]), REFUTED),
+    ("a quarter of it was predicted", FALLING, FALLING * np.array([1, 0.25, 0.25, 0.25, 0.25]), REFUTED),
     ("it falls, and was predicted to rise", FALLING, np.array([1.0, 3.0, 9.0, 27.0, 81.0]), REFUTED),
     ("it falls, and the map diverges", FALLING, np.array([1.0, 3.0, np.nan, np.nan, np.nan]), REFUTED),
     ("rounding is not compared", np.array([1.0, 0.1, 1e-28, 2e-29]), np.array([1.0, 0.1, 1e-20, 1e-40]), SUPPORTED),

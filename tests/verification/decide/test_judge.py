@@ -52,6 +52,7 @@ PREMISES = [
     ([GOOD, OPEN], [], GOOD, UNDECIDED),
     ([BAD], [], GOOD, UNDECIDED),
     ([BAD], [], BAD, UNDECIDED),  # the theorem does not apply: it is not refuted
+    ([OPEN], [], BAD, UNDECIDED),  # nor where it may not apply
     ([GOOD], [], BAD, REFUTED),
     ([SEEN], [], BAD, REFUTED),
     ([], [BAD], GOOD, UNDECIDED),

@@ -1,0 +1,1 @@
+"""Slips planted in the program, and the checks that must turn red."""
