@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+
 from slips import checking, deciding, enclosing, running, studying
 from slips.planting import Slip, planted
 
@@ -22,7 +23,7 @@ def test_no_two_slips_are_in_one_function():
 
 def test_a_slip_whose_text_is_gone_says_so():
     gone = dataclasses.replace(SLIPS[0], stands="a text that is nowhere")
-    with pytest.raises(AssertionError, match="has changed.* plant it anew"), planted(gone):
+    with pytest.raises(AssertionError, match=r"has changed.* plant it anew"), planted(gone):
         pass
 
 
