@@ -62,6 +62,7 @@ ORACLE: dict[int, Callable[..., arb]] = {
     ca.OP_HYPOT: lambda a, b: (a * a + b * b).sqrt(), ca.OP_FABS: abs, ca.OP_SIGN: _sign, ca.OP_FLOOR: _floor,
     ca.OP_CEIL: lambda a: -_floor(-a), ca.OP_FMIN: lambda a, b: a.min(b), ca.OP_FMAX: lambda a, b: a.max(b),
     ca.OP_COPYSIGN: _copysign, ca.OP_FMOD: lambda a, b: a - b * _trunc(a / b),
+    ca.OP_REMAINDER: lambda a, b: a - b * _floor(a / b + 0.5),
     ca.OP_LT: lambda a, b: _settle(a < b, a >= b), ca.OP_LE: lambda a, b: _settle(a <= b, a > b),
     ca.OP_EQ: lambda a, b: _settle(a == b, a != b), ca.OP_NE: lambda a, b: _settle(a != b, a == b),
     ca.OP_NOT: lambda a: arb(0 if _true(a) else 1), ca.OP_AND: lambda a, b: arb(int(_true(a) and _true(b))),

@@ -178,6 +178,7 @@ def verify(
     from verification.report import listing
     from verification.report import write as report
     from verification.report.gate import Gate, baseline_of
+    from verification.report.words import SURVIVED
     from workbench.trials import campaign
     from workbench.trials.draft import replacing
 
@@ -202,6 +203,9 @@ def verify(
     else:
         _print_lines(fallen)
         _print_scores(scores)
+        if table := listing.digit_table(found):
+            print(f"\nDigits of these scores: {SURVIVED}.")
+            _print_table(table)
         print()
         _print_table(listing.verdict_table(found))
         print(f"\n{listing.tally(found)}\n")

@@ -76,6 +76,15 @@ EXPECTED: Expectations = {
         ),
     ),
     "does_not_diverge": (Expected(standing=Standing.SUPPORTED, why="every gain is far from one that diverges"),),
+    "conditioning": (
+        Expected(standing=S, why="one run with feedback that forgets"),
+        Expected(
+            standing=R,
+            why="the mean of maxima jumps at du = 0, where the step begins: any change takes the other side",
+            controllers=("fipid", "bp-fipid", "bp-frozen", "fixed-best"),
+            cases=("default",),
+        ),
+    ),
 }
 """How the claims are expected to stand in the step test, the study as declared, and in the case curve."""
 

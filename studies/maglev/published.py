@@ -152,6 +152,12 @@ EXPECTED: Expectations = {
         ),
     ),
     "does_not_diverge": (Expected(standing=Standing.SUPPORTED, why="every law runs its periods, even where it grows"),),
+    "conditioning": (
+        Expected(
+            standing=Standing.SUPPORTED,
+            why="no law multiplies what is off by much more than 100; on a flat line, where errors are small, by 1e6",
+        ),
+    ),
     "error_falls": (
         Expected(standing=Standing.SUPPORTED, why="what is learned in a period is used in the next"),
         Expected(

@@ -74,6 +74,7 @@ EXPECTED: Expectations = {
     "known_model": (Expected(standing=REFUTED, why="the train that runs is heavier than the model says"),),
     "contraction": (Expected(standing=SUPPORTED, why="the gains were chosen for the believed mass, which is near"),),
     "does_not_diverge": (Expected(standing=SUPPORTED, why="tuned laws run all trials"),),
+    "conditioning": (Expected(standing=SUPPORTED, why="30 trials with noise: increment multiplies most, by 1e3"),),
     "error_falls": (Expected(standing=SUPPORTED, why="tuned laws learn"),),
     "estimate_useful": (
         Expected(standing=REFUTED, why="the estimate follows the realised ratio, which noise and memory make large"),

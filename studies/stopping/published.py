@@ -103,6 +103,11 @@ EXPECTED: Expectations = {
         Expected(standing=S, why="that is what self-triggering is for", published="fewer updates at every N"),
     ),
     "does_not_diverge": (Expected(standing=Standing.SUPPORTED, why="every law brings the train to a stand"),),
+    "conditioning": (
+        Expected(
+            standing=Standing.SUPPORTED, why="one stop under feedback: what is off is multiplied by less than 100"
+        ),
+    ),
 }
 """How the claims are expected to stand, at the shortest and the longest horizon and in every case as shipped."""
 

@@ -131,6 +131,21 @@ EXPECTED: Expectations = {
             cases=(MISMATCH, FROM_POSITION),
         ),
     ),
+    "conditioning": (
+        Expected(standing=Standing.SUPPORTED, why="what is off is multiplied by some thousands at most"),
+        Expected(
+            standing=Standing.REFUTED,
+            why="the speed is learned to the last bit: what is left of its error, 1e-23, is rounding",
+            controllers=("fixed",),
+            cases=("default",),
+        ),
+        Expected(
+            standing=Standing.REFUTED,
+            why="with 2.1 times the gain a part of the error grows from trial to trial, and what is off with it",
+            controllers=("variable",),
+            cases=(MISMATCH,),
+        ),
+    ),
     "error_falls": (
         Expected(standing=Standing.SUPPORTED, why="errors fall by 1 - b lambda a trial"),
         Expected(

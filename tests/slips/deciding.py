@@ -6,9 +6,9 @@ import warnings
 from types import SimpleNamespace
 
 import numpy as np
-from slips.planting import Slip
 
 from models.plant import Signal
+from slips.planting import Slip
 from verification.decide.judge import Judge, judge
 from verification.decide.replay import _compared
 from verification.report.gate import CONTRADICTED, DEPARTED, FINE, OPEN, Gate

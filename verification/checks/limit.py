@@ -95,7 +95,7 @@ def slope_everywhere(plant: Plant, horizon: int) -> Slope | str:
         return found
     (node,) = found.targets()
     for k in found.ancestors((node,)):
-        if not supported(found.nodes[k]):
+        if not supported(found, k):
             return reason(found, {}, k)
     labels = graph.labels()
     needed = [label for label, used in zip(labels, found.coordinates((node,), len(labels)), strict=True) if used]

@@ -52,7 +52,7 @@ class SafePlan:
     share: float | None
     """The share of the nominal inverse that leaves most room; None where none is proved."""
     least_share: float | None
-    """The least share that was found to do, to a hundredth."""
+    """The least share that was found to do."""
     settings: Mapping[str, object]
     """What to change in the study, by path; empty where nothing was found."""
     study: Study | None
@@ -97,12 +97,12 @@ def safe_plan(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> S
     """
     name, alone = _alone(study, law, bounds)
     tried: list[Tried] = []
-    if not _takes_plans(alone, name):
-        why = "it begins with a plan of its own: its start must take task.first_plan, as the laws of the workbench do"
+    if why := _unfit(alone, name):
         return _none(name, bounds, tried, why)
     settings: dict[str, object] = {}
     try:
-        changed(alone, {"first_plan": Inverse()})
+        inverse = changed(alone, {"first_plan": Inverse()})
+        alone = dataclasses.replace(inverse, first_plan=inverse.plan)  # once, in numbers
     except InvalidValue as error:
         return _none(name, bounds, tried, f"the nominal model has no inverse to take a share of: {error}")
     tamed = _tamed(alone, name)
@@ -143,7 +143,7 @@ def safe_plan(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> S
 
 
 def _alone(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> tuple[str, Study]:
-    """Return the study with one controller, asked for bounds, its first plan the nominal inverse in numbers."""
+    """Return the study with one controller, asked for bounds."""
     if isinstance(law, str) and law not in study.controllers:
         raise InvalidValue(f"law must be one of {', '.join(study.controllers)}, or a law; got {law!r}")
     if not isinstance(bounds, Mapping) or not bounds:
@@ -158,8 +158,17 @@ def _alone(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> tupl
         raise InvalidValue(
             f"{name} must learn on increments with a gain between declared ends (learning_gain), as increment does"
         )
-    made = changed(made, {"first_plan": Inverse()})
-    return name, dataclasses.replace(made, first_plan=made.plan)
+    return name, made
+
+
+def _unfit(study: Study, name: str) -> str:
+    """Return why no share of an inverse makes a law safe, or an empty text."""
+    gain = _gain(study, name)
+    if gain.low < 0:
+        return f"the theorem is for learning gains above 0, they lie between {gain.low:.4g} and {gain.high:.4g}"
+    if not _takes_plans(study, name):
+        return "it begins with a plan of its own: its start must take task.first_plan, as the laws of the workbench do"
+    return ""
 
 
 def _takes_plans(study: Study, name: str) -> bool:
@@ -278,7 +287,7 @@ def _least(study: Study, name: str, good: Sequence[Tried], tried: list[Tried]) -
     for _ in range(HALVINGS):
         tried.append(_try(study, name, (does + fails) / 2))
         does, fails = (tried[-1].share, fails) if tried[-1].room >= 0 else (does, tried[-1].share)
-    return float(np.ceil(does * 1000) / 1000)
+    return does
 
 
 def _short_of(tried: Tried) -> str:

@@ -24,7 +24,9 @@ from workbench.contracts.examination import Examination, Figure, Table
 from workbench.contracts.finding import Finding
 from workbench.contracts.settings import in_case
 from workbench.contracts.study import Study
+from workbench.contracts.survival import Survivals
 from workbench.contracts.verdict import DEFAULT, NotMade, Verdict
+from workbench.evidence.digits import Digits
 from workbench.trials import progress
 from workbench.trials.campaign import Campaign, run
 from workbench.trials.replay import replayed
@@ -43,16 +45,17 @@ def examination_of(campaign: Campaign, *, full: bool = False) -> Examination:
     of learning laws in general, :mod:`verification.theorems.learning`. What the study claims and expects itself comes
     after them. Raises InvalidValue in one line for claims that cannot be made.
     """
-    study = campaign.study
+    study, digits = campaign.study, Digits(campaign)
     named = entry_points(group=GROUP, name=study.name)
     made: Examination = (next(iter(named)).load() if named else learning.examine)(campaign, full=full)
     return dataclasses.replace(
         made,
-        claims=[*made.claims, *outcomes(campaign), *limits(campaign), *_own(campaign)],
+        claims=[*made.claims, *outcomes(campaign, digits), *limits(campaign), *_own(campaign)],
         expectations={
             name: [*made.expectations.get(name, ()), *study.expected.get(name, ())]
             for name in {**made.expectations, **study.expected}
         },
+        digits=lambda: digits.table,
     )
 
 
@@ -161,10 +164,11 @@ def verify(
             advance(1)
     _name_idle(campaign.study, chosen)
     failed: list[str] = []
-    nothing: tuple[Mapping[str, Figure], Sequence[Table], Scored] = ({}, [], {})
+    nothing: tuple[Mapping[str, Figure], Sequence[Table], Scored, Survivals] = ({}, [], {}, {})
     figures = _made("figures", chosen.figures, nothing[0], failed)
     tables = _made("tables", chosen.tables, nothing[1], failed)
     scores = _made("scores", chosen.scores, nothing[2], failed)
+    digits = _made("digits", chosen.digits, nothing[3], failed)
     said: Sequence[str] = []
     conclusion = _made("conclusion", lambda: chosen.conclude(verdicts), said, failed)
     report = Report(
@@ -175,6 +179,7 @@ def verify(
         figures=figures,
         tables=tables,
         scores=scores,
+        digits=digits,
     )
     fell = [f"{controller} did not come to its end: {reason}." for controller, reason in report.stopped]
     return dataclasses.replace(report, conclusion=[*fell, *conclusion, *failed])

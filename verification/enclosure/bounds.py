@@ -105,7 +105,7 @@ def _scalars(
     if isinstance(graph, str):
         return graph
     for k in graph.ancestors(tuple(entry.node for entry in graph.outputs[name])):
-        if not supported(graph.nodes[k]):
+        if not supported(graph, k):
             return reason(graph, {}, k)
     nodes = [entry.node for entry in graph.outputs[name]]
     rows, columns = graph.shapes[name]

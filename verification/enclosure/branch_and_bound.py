@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from verification.enclosure import outward
-from verification.enclosure.interval import Value, evaluate, reason
+from verification.enclosure.guards import Value
+from verification.enclosure.interval import evaluate, reason
 from verification.enclosure.outward import Array, Mask, Span
 from verification.enclosure.rewriting import Rewritten
 from verification.enclosure.slopes import gradient
@@ -126,7 +127,7 @@ def _lower_bounds(
 def minimise(
     scalar: Scalar, table: Table, lower: Array, upper: Array, budget: int, settled: Callable[[float, float], bool]
 ) -> Search:
-    """Split the boxes of smallest lower bound until the question is settled or the budget is spent."""
+    """Split the boxes of smallest lower bound that need it until the question is settled or the budget is spent."""
     sets = Sets(table)
     matters = scalar.graph.coordinates((scalar.node,), lower.size) & (upper > lower)
     scale = np.concatenate([np.where(matters, upper - lower, np.inf), sets.scale])
@@ -151,14 +152,14 @@ def minimise(
         smallest = min(closed, float(bounds.min(initial=np.inf)))
         if settled(smallest, best[1]):
             break
-        if not bounds.size:
+        if not bounds.size or settled(float(bounds.min()), best[1]):
             trouble = f"{stuck} boxes cannot be split any further in double precision"
             break
         if used + 2 > budget:
             trouble = f"the budget of {budget} boxes for one entry and side is spent"
             break
         count = min(_BATCH, bounds.size, max(_FEW, bounds.size // _SHARE), (budget - used) // 2)
-        chosen = np.argpartition(bounds, count - 1)[:count]
+        chosen = unsettled(bounds, np.argpartition(bounds, count - 1)[:count], best[1], settled)
         new_low, new_high, new_held, splittable = halved(
             sets, low[:, chosen], high[:, chosen], held[chosen], along[chosen]
         )
@@ -178,6 +179,17 @@ def minimise(
     if trouble is not None and smallest == -np.inf:
         trouble += _why(scalar, low, high, bounds)
     return Search(lower=smallest, best=best, where=where, used=used, trouble=trouble)
+
+
+def unsettled(bounds: Array, chosen: Places, best: float, settled: Callable[[float, float], bool]) -> Places:
+    """Return which of the boxes that were chosen, of smallest bounds, are to be split.
+
+    A box that would settle the question if there were no others improves no answer. One whose bound lies nearer to the
+    best value than to the smallest bound may yet prove useless, when a better value is found: it waits.
+    """
+    half = best / 2 + float(bounds[chosen].min()) / 2
+    near = bounds[chosen] <= half if np.isfinite(half) else np.ones(chosen.size, dtype=bool)
+    return np.array([i for i in chosen[near] if not settled(float(bounds[i]), best)], dtype=np.int64)
 
 
 class _Start(NamedTuple):

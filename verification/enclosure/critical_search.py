@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from verification.enclosure import outward
 from verification.enclosure.box import Box
 from verification.enclosure.branch_and_bound import halved
 from verification.enclosure.face import Enclosed
+from verification.enclosure.guards import Condition, Value, restricted
 from verification.enclosure.interval import evaluate
 from verification.enclosure.outward import Array, Mask, Span
+from verification.enclosure.outward_logic import truth
 from verification.enclosure.reach import NonsmoothOperation, Reach, Reachable
 from verification.enclosure.whole import Places, Sets, Table
 from workbench.graph.operations import Rule
@@ -45,6 +49,10 @@ class Question:
         The deciding argument.
     continuous
         Whether the level is known to be continuous in the real coordinates.
+    conditions
+        Where the operation counts: nodes that hold there, or do not.
+    inside
+        Where a level of zero is no break as long as the level stays on one side of it: ``above`` or ``below``.
     """
 
     function: Enclosed
@@ -54,11 +62,38 @@ class Question:
     table: Table
     level: int
     continuous: bool
+    conditions: tuple[Condition, ...] = ()
+    inside: str = "both"
+
+    @cached_property
+    def _needed(self) -> frozenset[int]:
+        """What the level depends on, if any condition may tell something about it."""
+        return frozenset(self.table.graph.ancestors((self.level,)) if self.conditions else ())
 
     def levels(self, lower: Array, upper: Array) -> Span:
         """Enclose the deciding argument on many boxes."""
         low, high = evaluate(self.table.graph, lower, upper, [self.level])[self.level].span
         return Span(np.broadcast_to(low, lower.shape[1]), np.broadcast_to(high, lower.shape[1]))
+
+    def counts(self, lower: Array, upper: Array) -> Mask:
+        """Say on which boxes the operation surely counts, everywhere on them."""
+        surely = np.ones(lower.shape[1], dtype=bool)
+        if self.conditions:
+            values = evaluate(self.table.graph, lower, upper, [condition for condition, _ in self.conditions])
+            for condition, holds in self.conditions:
+                span, fault = values[condition]
+                known = truth(span)
+                surely = surely & ((known.lo == 1) if holds else (known.hi == 0))
+                if fault is not None:
+                    surely = surely & (fault < 0)
+        return surely
+
+    def within(self, lower: Array, upper: Array) -> tuple[Value, NDArray[np.int64]]:
+        """Enclose the deciding argument where the operation counts; the second says to which box each part belongs."""
+        graph = self.table.graph
+        with np.errstate(all="ignore"):
+            parts = restricted(graph, lower, upper, self.conditions, evaluate, wanted=self._needed)
+        return evaluate(graph, parts.lower, parts.upper, [self.level], parts.held)[self.level], parts.owner
 
     def answer(self, reachable: Reachable, why: str, at: Array | None = None) -> Reach:
         """Return the finding."""
@@ -69,17 +104,32 @@ class Question:
         """Say whether the deciding argument has a value everywhere on the box."""
         sets = Sets(self.table)
         low, high = sets.columns(lower, upper, sets.single())
-        fault = evaluate(self.table.graph, low, high, [self.level])[self.level].fault
+        (_, fault), _ = self.within(low, high)
         return fault is None or not np.any(fault >= 0)
 
     def unclear(self, lower: Array, upper: Array) -> Mask:
         """Say on which boxes the critical set may be met."""
-        return ~_clear(self.rule, self.levels(lower, upper))
+        (span, _), owner = self.within(lower, upper)
+        met = np.zeros(lower.shape[1], dtype=bool)
+        met[owner[~np.broadcast_to(_clear(self.rule, span), owner.size)]] = True
+        return met
+
+    def one_sided(self, lower: Array, upper: Array) -> bool:
+        """Say whether the level stays on the side on which nothing breaks off, on the whole box."""
+        if self.inside == "both":
+            return False
+        sets = Sets(self.table)
+        (span, fault), _ = self.within(*sets.columns(lower, upper, sets.single()))
+        exists = fault is None or not np.any(fault >= 0)
+        return exists and bool(np.all(span.lo >= 0) if self.inside == "above" else np.all(span.hi <= 0))
 
     def search(self, lower: Array, upper: Array, budget: int) -> Reach:
         """Split the box until the critical set is missed everywhere, met at a point, or the budget is spent."""
+        if self.one_sided(lower, upper):
+            return self.answer("no", "nothing breaks off on the side of the breakpoint on which the box lies")
         sets, first = Sets(self.table), self.table.first
-        matters = self.table.graph.coordinates((self.level,), first) & (upper > lower)
+        deciding = (self.level, *(condition for condition, _ in self.conditions))
+        matters = self.table.graph.coordinates(deciding, first) & (upper > lower)
         held = np.array([sets.all])
         low, high = sets.columns(lower, upper, held)
         if self.unclear(low, high).any():  # every case by itself is a first partition, and no part of the budget
@@ -96,6 +146,8 @@ class Question:
             if not low.shape[1]:
                 break
             fresh, case = self._tried(low[:first, :_BATCH], high[:first, :_BATCH], sets.some(held[:_BATCH]))
+            counting = self.counts(*self.table.at(fresh, case))
+            fresh, case = fresh[:, counting], case[counting]
             points, cases = np.hstack([points, fresh]), np.concatenate([cases, case])
             found = self.levels(*self.table.at(fresh, case))
             levels = Span(*map(np.concatenate, zip(levels, found, strict=True)))
@@ -158,9 +210,10 @@ class Question:
             return hit
         mine = group == both[0]
         start, end = np.flatnonzero(below & mine)[0], np.flatnonzero(above & mine)[0]
-        return self._between(points[:, start], points[:, end], int(apart[both[0]]), float(offset[both[0]]))
+        found = self._between(points[:, start], points[:, end], int(apart[both[0]]), float(offset[both[0]]))
+        return hit if found is None else found
 
-    def _between(self, below: Array, above: Array, case: int, offset: float) -> Reach:
+    def _between(self, below: Array, above: Array, case: int, offset: float) -> Reach | None:
         """Halve the way between two points of opposite sign; a continuous argument is critical in between."""
         for _ in range(1100):  # a double is halved at most this often
             middle = below / 2 + above / 2
@@ -172,11 +225,15 @@ class Question:
                 below = middle
             elif level.lo[0] > offset:
                 above = middle
-            elif level.lo[0] == level.hi[0]:
+            elif level.lo[0] == level.hi[0] and self.counts(*self.table.at(middle[:, None], np.array([case]))).all():
                 return self.answer("yes", "the deciding argument is critical at the point", middle)
             else:
                 break
         gap = float(np.max(np.abs(above - below), initial=0.0))
+        ends = [self.table.at(end[:, None], np.array([case])) for end in (below, above)]
+        around = np.minimum(ends[0][0], ends[1][0]), np.maximum(ends[0][1], ends[1][1])
+        if not self.counts(*around).all():
+            return None  # between the two points the operation may not count
         middle = below / 2 + above / 2
         middle[self.table.whole] = below[self.table.whole]
         return self.answer("yes", f"the deciding argument changes sign within {gap!r} of the point", middle)

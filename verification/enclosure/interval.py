@@ -6,19 +6,35 @@ stand in it. A value that CasADi computes in floating point may differ from that
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from verification.enclosure import outward, outward_logic
 from verification.enclosure.box import Box
+from verification.enclosure.contraction import Held
 from verification.enclosure.face import Enclosed, face
+from verification.enclosure.guards import EFFORT, GUARDS, Branches, Value, Work
+from verification.enclosure.lookups import enclosed, unreadable
 from verification.enclosure.outward import Array, Mask, Span
-from verification.enclosure.rewriting import COVER, MEET, SELECT, Quantity, Rewritten, rewritten
-from workbench.graph.operations import CONSTANT, INPUT
+from verification.enclosure.rewriting import CHORD, CHORDS, COVER, MEET, SELECT, Rewritten, rewritten
+from verification.enclosure.slopes import partials
+from workbench.graph.operations import CONSTANT, INPUT, LOOKUP
 
 Faults = NDArray[np.int64]
+
+
+def _mean_slope(op: str) -> Callable[[Span], Span]:
+    """Return what encloses op(x) / x for an operation that is zero at zero: by the mean value theorem it is a slope."""
+
+    def rule(a: Span) -> Span:
+        around = outward.hull(a, outward.point(0.0))
+        value, bad = PARTIAL[op][0](around) if op in PARTIAL else (TOTAL[op](around), np.zeros(1, dtype=bool))
+        (slope,) = partials(op, value, around)
+        return Span(np.where(bad, -np.inf, slope.lo), np.where(bad, np.inf, slope.hi))
+
+    return rule
+
 
 # operations of one argument, and of two
 TOTAL: Mapping[str, Callable[..., Span]] = {
@@ -58,6 +74,7 @@ TOTAL: Mapping[str, Callable[..., Span]] = {
     SELECT: outward_logic.select,
     COVER: lambda a, b: Span(np.maximum(a.lo + b.lo, 1.0), a.hi + b.hi),
     MEET: outward.meet,
+    **{CHORD + op: _mean_slope(op) for op in CHORDS},
 }
 """Operations that exist for every argument."""
 
@@ -75,6 +92,7 @@ PARTIAL: Mapping[str, tuple[Callable[..., tuple[Span, Mask]], str]] = {
     "erfinv": (outward.erfinv, "the argument may reach -1 or 1"),
     "pow": (outward.power, "the base may be zero or negative where the exponent does not allow it"),
     "fmod": (outward.fmod, "the divisor may be zero"),
+    "remainder": (outward.remainder, "the divisor may be zero"),
 }
 """Operations that do not, with what can go wrong."""
 
@@ -88,14 +106,14 @@ def _both(a: Span, b: Span, combine: Callable[[Array, Array], Array]) -> Span:
     return Span(combine(a.lo, b.lo), combine(a.hi, b.hi))
 
 
-class Value(NamedTuple):
-    """A node on every box: its span, and the node at which evaluation failed (-1: nowhere, None: nowhere at all)."""
-
-    span: Span
-    fault: Faults | None
-
-
-def evaluate(graph: Rewritten, lower: Array, upper: Array, targets: Iterable[int]) -> dict[int, Value]:
+def evaluate(
+    graph: Rewritten,
+    lower: Array,
+    upper: Array,
+    targets: Iterable[int],
+    held: Held | None = None,
+    work: Work | None = None,
+) -> dict[int, Value]:
     """Enclose nodes of a graph on many boxes.
 
     Parameters
@@ -107,15 +125,23 @@ def evaluate(graph: Rewritten, lower: Array, upper: Array, targets: Iterable[int
         was tabulated, has no known value.
     targets
         The nodes that are wanted.
+    held
+        Ends that quantities are known to keep, by node, where they are narrower than what comes out.
+    work
+        What may be spent on branches of guards, by default some times what is evaluated anyway.
 
     Returns
     -------
     dict
-        The targets and all that they depend on. A failed element is the whole real line.
+        The targets and all that they depend on. A failed element is the whole real line. Branches are given on the
+        whole box; a guard holds them as they are where its condition lets them count.
     """
     values: dict[int, Value] = {}
+    order = graph.ancestors(tuple(targets))
+    effort = Work(EFFORT * len(order)) if work is None else work
+    branches = Branches(graph, lower, upper, held or {}, evaluate)
     with np.errstate(all="ignore"):
-        for k in graph.ancestors(tuple(targets)):
+        for k in order:
             node = graph.nodes[k]
             if node.op == INPUT:
                 low = lower[node.coordinate]
@@ -126,16 +152,32 @@ def evaluate(graph: Rewritten, lower: Array, upper: Array, targets: Iterable[int
                 number = bool(np.isfinite(node.value))
                 span = outward.point(node.value) if number else outward.full(np.zeros(1))
                 values[k] = Value(span, None if number else np.array([k]))
+            elif node.op in GUARDS:
+                values[k] = _operate(graph, k, branches.arguments(k, values, effort))
             else:
-                values[k] = _operate(k, node.op, node.args, [values[a] for a in node.args])
+                values[k] = _operate(graph, k, [values[a] for a in node.args])
+            if held and k in held:
+                values[k] = _kept(values[k], held[k])
     return values
 
 
-def _operate(k: int, op: str, args: tuple[int, ...], values: list[Value]) -> Value:
+def _kept(value: Value, ends: Span) -> Value:
+    """Return a value within ends that it is known to keep; what misses them altogether stays as it is."""
+    span = outward.meet(value.span, ends)
+    good = span.lo <= span.hi
+    if value.fault is not None:
+        good = good & (value.fault < 0)
+    return Value(Span(np.where(good, span.lo, value.span.lo), np.where(good, span.hi, value.span.hi)), value.fault)
+
+
+def _operate(graph: Rewritten, k: int, values: list[Value]) -> Value:
     """Apply one operation to its enclosed arguments."""
+    op, args = graph.nodes[k].op, graph.nodes[k].args
     spans = [value.span for value in values]
     bad: Mask | None = None
-    if op in PARTIAL:
+    if op == LOOKUP and not unreadable(graph.table_of(k)):
+        span = enclosed(graph.table_of(k), graph.lookup_of(k), spans)
+    elif op in PARTIAL:
         span, bad = PARTIAL[op][0](*spans)
     elif op in TOTAL:
         span = TOTAL[op](*spans)
@@ -171,8 +213,11 @@ def _inherited(op: str, values: list[Value]) -> Faults | None:
     return result
 
 
-def supported(node: Quantity) -> bool:
+def supported(graph: Rewritten, k: int) -> bool:
     """Say whether there is a rule for a node, so that splitting boxes may help where it fails."""
+    node = graph.nodes[k]
+    if node.op == LOOKUP:
+        return not unreadable(graph.table_of(k))
     constant = node.op == CONSTANT and bool(np.isfinite(node.value))
     return node.op in TOTAL or node.op in PARTIAL or node.op == INPUT or constant
 
@@ -186,6 +231,8 @@ def reason(graph: Rewritten, values: Mapping[int, Value], fault: int, column: in
         return f"the constant {node.value} is not a number to compute with ({where})"
     if node.op == INPUT:
         return f"not every whole number of the range gives it a finite value ({where})"
+    if node.op == LOOKUP and unreadable(graph.table_of(fault)):
+        return f"{unreadable(graph.table_of(fault))} ({where})"
     if node.op not in PARTIAL:
         return f"the operation {name} is not supported ({where})"
     ends = [[float(np.broadcast_to(end, column + 1)[column] if end.size == 1 else end[column])

@@ -346,6 +346,19 @@ def fmod(a: Span, b: Span) -> tuple[Span, Mask]:
     return Span(np.where(decided, tight.lo, loose.lo), np.where(decided, tight.hi, loose.hi)), bad
 
 
+def remainder(a: Span, b: Span) -> tuple[Span, Mask]:
+    """Enclose what is left by division with a quotient rounded to the nearest whole number, half to even."""
+    quotient, bad = div(a, b)
+    nearest = Span(np.rint(quotient.lo), np.rint(quotient.hi))
+    divisor = magnitude(b).hi
+    half = np.where(divisor / 2 * 2 == divisor, divisor / 2, up(divisor / 2))
+    limit = np.minimum(half, magnitude(a).hi)
+    loose = Span(-limit, limit)
+    tight = meet(loose, sub(a, mul(nearest, b)))
+    decided = nearest.lo == nearest.hi
+    return Span(np.where(decided, tight.lo, loose.lo), np.where(decided, tight.hi, loose.hi)), bad
+
+
 def _inside(low: float, high: float) -> Callable[[Span], Mask]:
     return lambda a: (a.lo > low) & (a.hi < high)
 

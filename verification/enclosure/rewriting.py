@@ -5,7 +5,8 @@ That makes correlations visible which interval arithmetic would otherwise lose:
 * ``x * x`` is a square, ``x * x**2`` a cube, ``x - x`` zero;
 * CasADi writes ``if_else(c, a, b)`` as ``(c ? a : 0) + (!c ? b : 0)`` and differentiates ``fmax(a, b)`` to
   ``(b <= a) / ((b <= a) + (a <= b))``. Sums of terms under complementary conditions become a `SELECT` node, and
-  the sum of two comparisons of which one always holds becomes a `COVER` node.
+  the sum of two comparisons of which one always holds becomes a `COVER` node;
+* ``sin(x) / x`` is a mean of the slopes of the sine between zero and x, as are other operations that are zero at zero.
 
 Every rewriting is an identity of real numbers, not of doubles.
 """
@@ -19,12 +20,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.graph import Entry, Graph, Unreadable, read
+from workbench.graph import Entry, Graph, Lookup, Table, Unreadable, read
 from workbench.graph.operations import BOOLEAN, CONSTANT, INPUT, LOOKUP
 
 SELECT = "select"  # arguments: condition, value if it holds, value if not
 COVER = "cover"  # arguments: two comparisons of which at least one holds; their sum
 MEET = "meet"  # arguments: a rewritten quantity, the same as it stands in the graph
+CHORD = "mean slope of "
+CHORDS = ("sin", "tan", "asin", "atan", "sinh", "tanh", "asinh", "atanh", "erf", "erfinv", "expm1", "log1p")
+"""Operations that are zero at zero: divided by its argument one is its mean slope from zero to there."""
 _DEEP = 5  # how far down a term its condition is looked for
 
 
@@ -34,6 +38,7 @@ class Quantity(NamedTuple):
     op: str
     args: tuple[int, ...] = ()
     value: float = 0.0
+    """The number of a constant; which of the graph's lookups a lookup is."""
     coordinate: int = -1
     origin: int = -1
     """The node of the graph that it was first met at; -1 where only a rewriting brought it in."""
@@ -78,6 +83,14 @@ class Rewritten:
             needed.update(fresh)
             stack.extend(fresh)
         return tuple(sorted(needed))
+
+    def lookup_of(self, k: int) -> Lookup:
+        """Return what a lookup reads."""
+        return self.graph.lookups[int(self.nodes[k].value)]
+
+    def table_of(self, k: int) -> Table:
+        """Return the table that a lookup reads."""
+        return self.graph.tables[self.lookup_of(k).table]
 
     def with_constant(self, value: float) -> tuple[Rewritten, int]:
         """Return the graph with one more node, a constant, and the place of that node."""
@@ -151,9 +164,27 @@ class Rewriter:
             op = "pow"
         if op == "add":
             return self.sum(*args)
+        if op == "div":
+            return self.quotient(*args)
         if op == "sub" and args[0] != args[1] and self.guard(args[1]) is not None:
             return self.sum(args[0], self.node("neg", (args[1],)))
         return self.node(op, args)
+
+    def quotient(self, a: int, b: int) -> int:
+        """Return the node of a quotient, next to the mean slope that it is: of sin(b) / b, or of sin(c b) / b."""
+        plain, top = self.node("div", (a, b)), self.nodes[a]
+        if top.op not in CHORDS:
+            return plain
+        inner = top.args[0]
+        chord = self.node(CHORD + top.op, (inner,))
+        if inner == b:
+            return self.node(MEET, (chord, plain))
+        factor = self.nodes[inner]
+        if factor.op == "mul" and b in factor.args:
+            other = factor.args[1 - factor.args.index(b)]
+            if self.nodes[other].op == CONSTANT:
+                return self.node(MEET, (self.node("mul", (min(other, chord), max(other, chord))), plain))
+        return plain
 
     def product(self, a: int, b: int) -> int:
         """Return the node of a product, which is a power where both factors are powers of one quantity."""

@@ -9,17 +9,19 @@ from __future__ import annotations
 import numpy as np
 
 from models.array import Array
+from verification.enclosure import outward
 from verification.enclosure.box import Box
 from verification.enclosure.face import Enclosed
-from verification.enclosure.interval import evaluate
+from verification.enclosure.interval import TOTAL, evaluate
 from verification.enclosure.outward import Span
 from verification.enclosure.rewriting import COVER, MEET, SELECT, rewritten
 from verification.enclosure.slopes import partials
-from workbench.graph.operations import BOOLEAN, CONSTANT, INPUT
+from workbench.graph.operations import BOOLEAN, CONSTANT, INPUT, LOOKUP
 
 _EXACT = frozenset({"neg", "twice", "fabs", "fmin", "fmax", "sign", "floor", "ceil", "fmod",
                     "if_else_zero", "copysign", "assign", SELECT, COVER, MEET, *BOOLEAN})  # fmt: skip
 _HALF_A_PLACE = frozenset({"add", "sub", "mul", "div", "inv", "sq", "sqrt"})
+_BREAKING = frozenset({*BOOLEAN, "floor", "ceil", "sign", "fmod", "remainder"})
 HALF, LIBRARY = 2.0**-53, 2.0**-50
 """What arithmetic, and what a mathematical library, rounds at most, of the result."""
 SPARE = 2.0
@@ -47,14 +49,25 @@ def rounding(function: Enclosed, box: Box) -> dict[str, Array]:
             if off[arg]:
                 passed += steep * off[arg] if np.isfinite(off[arg]) else np.inf
         own = 0.0 if node.op in _EXACT else (HALF if node.op in _HALF_A_PLACE else LIBRARY) * size
-        decided = node.op not in BOOLEAN or bool(np.all(span.lo == span.hi)) or not any(off[a] for a in node.args)
-        off[k] = passed + own if decided else np.inf
+        loose = any(off[arg] for arg in node.args)
+        broken = node.op in _BREAKING and loose and not _decided(node.op, arguments, [off[a] for a in node.args])
+        off[k] = np.inf if broken or node.op == LOOKUP else passed + own  # of a table's own rounding nothing is known
     found: dict[str, Array] = {}
     for name, entries in graph.outputs.items():
         found[name] = np.zeros(graph.shapes[name])
         for entry in entries:
             found[name][entry.row, entry.column] = SPARE * off[entry.node]
     return found
+
+
+def _decided(op: str, arguments: list[Span], off: list[float]) -> bool:
+    """Say whether an operation that jumps has one value though its arguments are off."""
+    if op not in TOTAL:
+        return False
+    wide = [Span(outward.down(a.lo - SPARE * one), outward.up(a.hi + SPARE * one))
+            for a, one in zip(arguments, off, strict=True)]  # fmt: skip
+    found = TOTAL[op](*wide)
+    return bool(np.all(found.lo == found.hi))
 
 
 def _slopes(op: str, value: Span, arguments: list[Span]) -> tuple[Span, ...]:

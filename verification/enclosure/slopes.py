@@ -16,10 +16,11 @@ import numpy as np
 from flint import arb, ctx
 
 from verification.enclosure import outward, outward_logic
-from verification.enclosure.interval import Value
+from verification.enclosure.guards import Value
+from verification.enclosure.lookups import enclosed, jumps, unreadable
 from verification.enclosure.outward import Array, Mask, Span
 from verification.enclosure.rewriting import COVER, MEET, Rewritten
-from workbench.graph.operations import BOOLEAN, CONSTANT, INPUT
+from workbench.graph.operations import BOOLEAN, CONSTANT, INPUT, LOOKUP
 
 _ONE, _ZERO = outward.point(1.0), outward.point(0.0)
 
@@ -92,12 +93,37 @@ def _copysign(f: Span, x: Span, y: Span) -> tuple[Span, Span]:
     return _unless(jump, outward.mul(_sign(x), _sign(y))), _unless(jump, _ZERO)
 
 
+def _left_over(rounded: Callable[[Array], Array]) -> Callable[[Span, Span, Span], tuple[Span, Span]]:
+    """Return the slopes of what division leaves: one, and minus the whole quotient where that is one number."""
+
+    def slopes(f: Span, x: Span, y: Span) -> tuple[Span, Span]:
+        quotient, bad = outward.div(x, y)
+        low, high = rounded(quotient.lo), rounded(quotient.hi)
+        jump = bad | ~(low == high)
+        return _unless(jump, _ONE), _unless(jump, Span(-high, -low))
+
+    return slopes
+
+
 def _smaller(f: Span, a: Span, b: Span) -> tuple[Span, Span]:
     return outward_logic.less(a, b), outward_logic.less(b, a)
 
 
 def _unknown(f: Span, *arguments: Span) -> tuple[Span, ...]:
     return (outward.full(np.zeros(1)),) * len(arguments)
+
+
+def _lookup(graph: Rewritten, k: int, arguments: list[Span]) -> tuple[Span, ...]:
+    """Enclose the slopes of a table: on both sides of a kink, and none where it breaks off."""
+    table, lookup = graph.table_of(k), graph.lookup_of(k)
+    if unreadable(table):
+        return _unknown(arguments[0], *arguments)
+    broken = jumps(table, lookup, arguments)
+    slopes = []
+    for axis in range(len(arguments)):
+        orders = tuple(order + (i == axis) for i, order in enumerate(lookup.orders))
+        slopes.append(_unless(broken, enclosed(table, lookup._replace(orders=orders), arguments)))
+    return tuple(slopes)
 
 
 Partials = Callable[..., tuple[Span, ...]]  # operations have one argument, or two
@@ -137,6 +163,8 @@ _PARTIALS: Mapping[str, Partials] = {
     "fmin": _smaller,
     "fmax": lambda f, a, b: _smaller(f, b, a),
     "copysign": _copysign,
+    "fmod": _left_over(np.trunc),
+    "remainder": _left_over(np.rint),
     "if_else_zero": _gate,
     COVER: lambda f, a, b: (_ONE, _ONE),
     MEET: lambda f, a, b: (_ZERO, _ONE),  # the rewritten quantity is the same one again
@@ -183,8 +211,9 @@ def _chain(graph: Rewritten, node: int, values: Mapping[int, Value], result: Spa
             result.lo[graph.nodes[k].coordinate], result.hi[graph.nodes[k].coordinate] = so_far
         if not args:
             continue
-        rule = _PARTIALS.get(op, _unknown)
-        for argument, partial in zip(args, rule(values[k].span, *(values[a].span for a in args)), strict=True):
+        spans = [values[a].span for a in args]
+        found = _lookup(graph, k, spans) if op == LOOKUP else _PARTIALS.get(op, _unknown)(values[k].span, *spans)
+        for argument, partial in zip(args, found, strict=True):
             if graph.nodes[argument].op == CONSTANT or (op == MEET and argument == args[0]):
                 continue
             term = _known(outward.mul(so_far, _known(partial)))

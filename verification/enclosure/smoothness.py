@@ -2,14 +2,15 @@
 
 A kink is a point where a formula stays continuous and its derivative does not, or where its domain ends at a
 finite value; at a jump the value itself breaks off; at a pole it does not exist. An operation is reached if the
-argument that decides meets its critical set anywhere in the closed box. This is asked of every operation as it
-stands in the Function: kinks that cancel, or that hide in a branch not taken, are still counted.
+argument that decides meets its critical set anywhere in the closed box, or in the closed part of it where the
+operation counts: one that stands in a branch of a guard, and nowhere else, counts where the guard lets it. Kinks that
+cancel are still counted. A lookup table is asked about at every breakpoint of each of its axes.
 
 Inputs that the box says are whole take whole numbers only, and nothing is continuous or smooth in them: what they
 decide alone is no kink and no jump. A pole or the end of a domain that one of them meets counts.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,16 +21,28 @@ from verification.enclosure import outward
 from verification.enclosure.box import Box
 from verification.enclosure.critical_search import Question
 from verification.enclosure.face import Enclosed, face
+from verification.enclosure.guards import conditions_of
 from verification.enclosure.interval import reason, supported
+from verification.enclosure.lookups import breaks
 from verification.enclosure.reach import NonsmoothOperation, Reach, Smoothness
 from verification.enclosure.rewriting import COVER, Quantity, Rewritten, rewritten
 from verification.enclosure.switches import Switches
 from verification.enclosure.whole import tabulated
 from workbench.graph import Graph
-from workbench.graph.operations import CONSTANT, OPERATIONS, Critical
+from workbench.graph.operations import CONSTANT, LOOKUP, OPERATIONS, Critical
 from workbench.graph.smooth import critical
 
 BUDGET = 512  # boxes for one operation
+
+
+class _Listed(NamedTuple):
+    """A place where an operation is not smooth."""
+
+    node: int
+    operation: NonsmoothOperation
+    critical: Critical
+    inside: str = "both"
+    """On which sides of a breakpoint the operation goes on to its value there."""
 
 
 class _Levels:
@@ -56,18 +69,34 @@ def _critical(graph: Rewritten, node: Quantity) -> Critical | None:
     return critical(graph.nodes, node)
 
 
-def _listed(graph: Rewritten) -> list[tuple[int, NonsmoothOperation, Critical]]:
-    """Return the nonsmooth nodes of the Function, in order, without those that only a rewriting brought in."""
-    result = []
+def _listed(graph: Rewritten) -> list[_Listed]:
+    """Return where the Function is not smooth, in order, without nodes that only a rewriting brought in."""
+    result: list[_Listed] = []
     for k in graph.ancestors(graph.targets(), rewritten=False):
         node = graph.nodes[k]
+        if node.op == LOOKUP:
+            result += _breakpoints(graph, k)
+            continue
         found = _critical(graph, node)
         if found is not None and node.origin >= 0:
             operation = NonsmoothOperation(
                 name=node.op, kind=found.kind, instruction=node.origin, expression=graph.describe(k)
             )
-            result.append((k, operation, found))
+            result.append(_Listed(k, operation, found))
     return result
+
+
+def _breakpoints(graph: Rewritten, k: int) -> Iterator[_Listed]:
+    """Give the breakpoints of a lookup: the level of each is how far the argument lies beyond it."""
+    node = graph.nodes[k]
+    for found in breaks(graph.table_of(k), graph.lookup_of(k)):
+        what = f"{graph.describe(k, 60)} where {graph.describe(node.args[found.axis], 30)} is {found.point!r}"
+        operation = NonsmoothOperation(name=LOOKUP, kind=found.kind, instruction=node.origin, expression=what)
+        yield _Listed(k, operation, Critical(found.kind, "zero", _beyond(found.axis, found.point)), found.inside)
+
+
+def _beyond(axis: int, point: float) -> Callable[..., int]:  # as many arguments as the table has axes
+    return lambda make, *args: make.operation("sub", args[axis], make.constant(point))
 
 
 def nonsmooth_operations(function: Enclosed) -> tuple[NonsmoothOperation, ...]:
@@ -81,7 +110,7 @@ def nonsmooth_operations(function: Enclosed) -> tuple[NonsmoothOperation, ...]:
     graph = rewritten(function)
     if isinstance(graph, str):
         raise ValueError(graph)
-    return tuple(operation for _, operation, _ in _listed(graph))
+    return tuple(one.operation for one in _listed(graph))
 
 
 def continuous_everywhere(function: Enclosed) -> bool:
@@ -104,12 +133,12 @@ def breaks_somewhere(function: Enclosed, whole: Mapping[str, tuple[float, float]
     table = tabulated(graph, lower, upper, np.array([name in ranges for name in names], dtype=bool), graph.targets())
     graph = table.graph
     for k in graph.ancestors(graph.targets()):
-        if not supported(graph.nodes[k]):
+        if not supported(graph, k):
             return reason(graph, {}, k)
     if not (np.isfinite(table.lower) & np.isfinite(table.upper)).all():
         return "not every whole number gives a finite value"
     levels = _Levels(graph)
-    for k, operation, found in _listed(graph):
+    for k, operation, found, _ in _listed(graph):
         if found.kind == "kink" and not found.edge:
             continue
         level = found.level(levels, *graph.nodes[k].args)
@@ -173,26 +202,29 @@ def _findings(
     if not outward.arithmetic_is_ieee():
         return "this process does not round to nearest or drops subnormals"
     for k in graph.ancestors(graph.targets()):
-        if not supported(graph.nodes[k]):
+        if not supported(graph, k):
             return reason(graph, {}, k)
     listed = _listed(graph)
     levels = _Levels(graph)
-    of = {k: found.level(levels, *graph.nodes[k].args) for k, _, found in listed}
+    of = [one.critical.level(levels, *graph.nodes[one.node].args) for one in listed]
+    counts = conditions_of(graph, graph.targets())
     graph = replace(graph, nodes=tuple(levels.nodes))
-    breaks: set[int] = set()
+    broken: set[int] = set()
     findings, known = [], []
-    for k, operation, rule in listed:
-        held = not np.any(moving & graph.coordinates((of[k],), lower.size))
+    for (k, operation, rule, inside), level in zip(listed, of, strict=True):
+        held = not np.any(moving & graph.coordinates((level,), lower.size))
         asked = "negative" if rule.edge and (defined_only or held) else rule.rule
-        known.append(breaks.isdisjoint(graph.ancestors(graph.nodes[k].args)))
-        question = Question(function=function, whole=box.whole, operation=operation, rule=asked, level=of[k],
-                            table=tabulated(graph, lower, upper, whole, (of[k],)), continuous=known[-1])  # fmt: skip
+        known.append(broken.isdisjoint(graph.ancestors(graph.nodes[k].args)))
+        conditions = tuple(sorted(counts[k]))
+        table = tabulated(graph, lower, upper, whole, (level, *(condition for condition, _ in conditions)))
+        question = Question(function=function, whole=box.whole, operation=operation, rule=asked, level=level,
+                            table=table, continuous=known[-1], conditions=conditions, inside=inside)  # fmt: skip
         if held and rule.kind != "pole" and not rule.edge and question.exists(lower, upper):
             findings.append(question.answer("no", "decided by whole numbers, or by inputs that are held"))
             continue
         findings.append(question.search(lower, upper, budget))
         if findings[-1].reachable != "no" and (rule.kind != "kink" or rule.edge):
-            breaks.add(k)
+            broken.add(k)
     return _Found(tuple(findings), tuple(known), graph.graph)
 
 

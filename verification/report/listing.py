@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 
 from verification.report.gate import named
-from verification.report.words import STANDINGS, measure
+from verification.report.words import STANDINGS, measure, survives
 from workbench.contracts.finding import Standing
 from workbench.contracts.verdict import DEFAULT, Verdict
 
@@ -46,6 +46,13 @@ def verdict_table(report: Report) -> list[tuple[str, ...]]:
         row = (*case, one.claim, one.controller or "-", str(one.standing), margin)
         rows.append((*row, marked) if any(marks) else row)
     return rows
+
+
+def digit_table(report: Report) -> list[tuple[str, ...]]:
+    """Return how many digits of the scores survive as rows of short text, a header first; empty where none is known."""
+    metrics = list(dict.fromkeys(metric for row in report.digits.values() for metric in row))
+    rows = [(metric, *(survives(report.digits, name, metric) for name in report.digits)) for metric in metrics]
+    return [("digits", *report.digits), *rows] if rows else []
 
 
 def _margin(margin: float, unit: str) -> str:

@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from workbench.contracts.claim import Range, Role
 from workbench.contracts.finding import Grounds, Standing
+from workbench.contracts.survival import Survivals
 from workbench.contracts.verdict import Verdict
 
 STANDINGS = {
@@ -23,6 +24,11 @@ STANDINGS = {
     Standing.UNDECIDED: ("?", "could not be told: by this method, as a premise is not met, or as the check failed"),
 }
 """The sign of every standing, and what it says of a claim."""
+SURVIVED = (
+    "how many survive when every setting changes by a part in 1e12, when it changes by a part in 1e6, and in single "
+    "precision; exact where no bit changes, - where that was not looked at"
+)
+"""What the digits beside a score are."""
 FEW = 5
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -56,6 +62,12 @@ def shown_value(value: object, number: Callable[[float], str] = shown) -> str:
     if isinstance(value, int):
         return str(value).replace("-", "−")
     return number(value) if isinstance(value, float) else str(value)
+
+
+def survives(digits: Survivals, controller: str, metric: str) -> str:
+    """Return how many digits of a score survive, as short text."""
+    found = digits.get(controller, {}).get(metric)
+    return "-" if found is None else found.shown
 
 
 def setting(value: object) -> str:

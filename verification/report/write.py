@@ -22,12 +22,25 @@ from verification.report.junit import junit
 from verification.report.listing import fallen, fragment, mark
 from verification.report.notation import clean
 from verification.report.typeset import Typeset, typeset
-from verification.report.words import STANDINGS, breakable, evidence, meant, measure, scope, setting, shown, witness
+from verification.report.words import (
+    STANDINGS,
+    SURVIVED,
+    breakable,
+    evidence,
+    meant,
+    measure,
+    scope,
+    setting,
+    shown,
+    survives,
+    witness,
+)
 from workbench.contracts import settings
 from workbench.contracts.examination import Figure, Table
 from workbench.contracts.finding import Standing
 from workbench.contracts.number import finite
 from workbench.contracts.study import Progress, Scores, Study
+from workbench.contracts.survival import Survivals
 from workbench.contracts.verdict import DEFAULT, NotMade, Verdict
 from workbench.trials import progress
 from workbench.trials.campaign import Campaign, write_figures
@@ -69,6 +82,7 @@ class Part(NamedTuple):
     tables: Sequence[Table]
     metrics: Sequence[str]
     scores: Scores
+    digits: Survivals
     stopped: Sequence[tuple[str, str]]
     figures: Sequence[Drawn]
 
@@ -88,6 +102,8 @@ class Report:
     figures: Mapping[str, Figure]
     tables: Sequence[Table]
     scores: Mapping[str, Mapping[str, float | None]]
+    digits: Survivals = dataclasses.field(default_factory=dict)
+    """How many digits of the run's scores survive, by controller and metric."""
     cases: Mapping[str, Report] = dataclasses.field(default_factory=dict)
     """The reports of the study's other cases, by name."""
     not_made: Sequence[NotMade] = ()
@@ -161,7 +177,7 @@ def write_into(report: Report, draft: Path, *, show_progress: bool = True) -> No
     parts: list[Part] = []
     for folder, one in _folders(report, draft):
         scores = all_scores(one)
-        content = {**one.campaign.scores_json(), "scores": scores}
+        content = {**one.campaign.scores_json(), "scores": scores, "digits": digits_json(one)}
         _text(folder / "scores.json", json.dumps(content, indent=2, allow_nan=False))
         one.campaign.write_documents(folder)
         shown_as = progress.bar if show_progress else progress.silent
@@ -199,6 +215,7 @@ def _part(report: Report, first: int, figures: Sequence[Drawn], scores: Scores, 
         tables=report.tables,
         metrics=list(dict.fromkeys(metric for row in scores.values() for metric in row)),
         scores=scores,
+        digits=report.digits,
         stopped=report.stopped,
         figures=figures,
     )
@@ -230,6 +247,13 @@ def all_scores(report: Report) -> Scores:
     return scores
 
 
+def digits_json(report: Report) -> dict[str, object]:
+    """Return how many digits of the scores survive, by controller and metric, as ``scores.json`` holds them."""
+    return {
+        controller: {metric: one.as_json() for metric, one in row.items()} for controller, row in report.digits.items()
+    }
+
+
 def html(report: Report, parts: Sequence[Part]) -> str:
     """Return ``report.html``: one file that fetches nothing and runs nothing, with a section a case."""
     environment = jinja2.Environment(
@@ -253,6 +277,8 @@ def html(report: Report, parts: Sequence[Part]) -> str:
         evidence=evidence,
         measure=measure,
         meant=meant,
+        survives=survives,
+        survived=SURVIVED,
         mark=partial(mark, report),
         departure=report.gate.departure,
         fallen=fallen(report),

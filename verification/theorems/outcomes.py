@@ -11,8 +11,10 @@ import numpy as np
 from scipy import stats
 
 from models.array import Array
+from verification.theorems.conditioning import conditioning
 from workbench.contracts.claim import Claim, Role
 from workbench.contracts.finding import Finding, Grounds, undecided
+from workbench.evidence.digits import Digits
 from workbench.evidence.trajectory import Lineariser, one_channel, recorded, trials_done
 from workbench.evidence.trajectory import partial as slope
 from workbench.trials.campaign import Campaign
@@ -23,10 +25,11 @@ LATE = 0.1
 """Share of the trials, at the end, whose median error is compared with the first trial's."""
 
 
-def outcomes(campaign: Campaign) -> Sequence[Claim]:
-    """Return the claims on what the run of every controller shows."""
+def outcomes(campaign: Campaign, digits: Digits | None = None) -> Sequence[Claim]:
+    """Return the claims on what the run of every controller shows; ``digits`` are those of the campaign's scores."""
     names = [str(name) for name in campaign.data["controller"].values]
-    return [claim for name in names for claim in _of(campaign, name)]
+    of_scores = Digits(campaign) if digits is None else digits
+    return [claim for name in names for claim in (*_of(campaign, name), conditioning(of_scores, name))]
 
 
 def _of(campaign: Campaign, name: str) -> list[Claim]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from workbench.contracts.claim import Claim, Expectations
+from workbench.contracts.survival import Survivals
 from workbench.contracts.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -43,5 +44,7 @@ class Examination:
     figures: Callable[[], Mapping[str, Figure]] = dict
     tables: Callable[[], Sequence[Table]] = list
     scores: Callable[[], Mapping[str, Mapping[str, float | None]]] = dict
+    digits: Callable[[], Survivals] = dict
+    """How many digits of the run's scores survive, run after the checks too."""
     expectations: Expectations = dataclasses.field(default_factory=dict)
     """How the claims are expected to stand in the cases as shipped, written by hand."""

@@ -11,8 +11,11 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple, TypeVar
 
+import numpy as np
+
 from models.quantity import InvalidValue, Quantity, is_declared, nested, parts, quantities, rebuilt
 from workbench.contracts.plainly import as_departure
+from workbench.contracts.scenario import Departure, Disturbance, Initial, Noise
 from workbench.contracts.study import Study
 
 T = TypeVar("T")
@@ -146,6 +149,27 @@ def _leaves(changes: Mapping[str, object], whole: set[str], prefix: str = "") ->
             yield from _leaves(change, whole, f"{path}.")
         else:
             yield path, change
+
+
+def numbers(thing: object, prefix: str = "") -> dict[str, float | tuple[float, ...]]:
+    """Return the settings that are numbers and could have any near value instead, by path.
+
+    Those that shape the equations (structural ones, counts) are not among them, nor tables that do not belong to what a
+    campaign meets.
+    """
+    return dict(_numbers(thing, prefix))
+
+
+def _numbers(thing: object, prefix: str) -> Iterator[tuple[str, float | tuple[float, ...]]]:
+    met = isinstance(thing, (Noise, Disturbance, Initial, Departure))
+    for name, spec, value in _settings(thing):
+        path = f"{prefix}{name}"
+        if spec.kind == "part":
+            for inner, within in parts(value):
+                yield from _numbers(within, f"{path}.{inner}." if inner else f"{path}.")
+        elif (spec.kind == "number" and not spec.structural) or (spec.kind == "table" and met):
+            if isinstance(value, (float, tuple)) and np.any(value):
+                yield path, value
 
 
 def _parsed(text: str) -> object:

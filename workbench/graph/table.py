@@ -8,7 +8,7 @@ from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise, product
 from math import isfinite, prod
-from typing import Literal, NamedTuple, TypeVar
+from typing import Generic, Literal, NamedTuple, TypeVar
 
 T = TypeVar("T", float, Fraction)
 _MOST = 2.0**62  # quotients beyond have no whole part in 64 bits
@@ -103,7 +103,7 @@ def value(table: Table, lookup: Lookup, point: Sequence[T], number: Callable[[fl
     """
     if table.kind == "linear":
         return _linear(table, lookup, point, number)
-    derived: tuple[Sequence[Sequence[T]], Sequence[T]] = _differentiated(table, lookup.orders, number)
+    derived: Derived[T] = differentiated(table, lookup.orders, number)
     degrees = tuple(degree - order for degree, order in zip(table.degrees, lookup.orders, strict=True))
     if any(degree < 0 for degree in degrees):
         return number(0.0)
@@ -165,10 +165,15 @@ def _linear(table: Table, lookup: Lookup, point: Sequence[T], number: Callable[[
     return result
 
 
+class Derived(NamedTuple, Generic[T]):
+    """Knots, by axis, and coefficients of a spline's derivative; of no derivative, those of the table."""
+
+    grid: tuple[tuple[T, ...], ...]
+    values: tuple[T, ...]
+
+
 @lru_cache(maxsize=256)
-def _differentiated(
-    table: Table, orders: tuple[int, ...], number: Callable[[float], T]
-) -> tuple[tuple[tuple[T, ...], ...], tuple[T, ...]]:
+def differentiated(table: Table, orders: tuple[int, ...], number: Callable[[float], T]) -> Derived[T]:
     """Return knots and coefficients of a spline's derivative, computed in the arithmetic at hand."""
     grid = [tuple(number(knot) for knot in knots) for knots in table.grid]
     values = [number(entry) for entry in table.values]
@@ -188,7 +193,7 @@ def _differentiated(
                         fresh.append(number(float(degree)) * (high - low) / width if width else number(0.0))
             values, grid[axis] = fresh, knots[1:-1]
             sizes[axis] -= 1
-    return tuple(grid), tuple(values)
+    return Derived(tuple(grid), tuple(values))
 
 
 def _spline(

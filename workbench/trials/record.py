@@ -171,7 +171,9 @@ class Recorder:
             lengths = _variable((CONTROLLER, TRIAL), self.lengths, about)
         else:
             lengths = _variable((TRIAL,), np.array([one.length for one in self.inputs]), about)
-        units = list(dict.fromkeys(f"({signal.unit})^2" for signal in self.plant.outputs))
+        units = list(
+            dict.fromkeys("1" if signal.unit == "1" else f"({signal.unit})^2" for signal in self.plant.outputs)
+        )
         several = len(self.plant.outputs) > 1
         return {
             "trial_length": lengths,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 import xarray as xr
@@ -18,6 +19,7 @@ from workbench.contracts.record import TrialInput, TrialRecord
 from workbench.contracts.study import Progress, Study
 from workbench.fold.fold import Fold, build, stream
 from workbench.fold.machine_code import all_compiled, compiled
+from workbench.fold.single import in_single
 from workbench.fold.stepping import Stepped
 from workbench.trials.record import Recorder
 
@@ -102,10 +104,34 @@ def ready(study: Study, laws: Mapping[str, AnyLaw]) -> dict[str, Runner]:
     return runners
 
 
-def simulate(study: Study, progress: Progress, start: Mapping[str, tuple[Array, ...]] | None = None) -> xr.Dataset:
+def ready_in_single(study: Study, laws: Mapping[str, AnyLaw]) -> dict[str, Runner]:
+    """Return runners that compute in single precision, by name: of those laws that can be had in it."""
+    runners: dict[str, Runner] = {}
+    for name, law in laws.items():
+        if not law.stepped:
+            with contextlib.suppress(InvalidValue):
+                runners[name] = runner_in_single(study, name, law)
+    return runners
+
+
+def runner_in_single(study: Study, controller: str, law: AnyLaw | None = None) -> Runner:
+    """Return a runner of one controller that computes in single precision; raises InvalidValue where there is none."""
+    runner = Runner(study, controller, law)
+    runner._fold = in_single(runner.fold)
+    runner._machine = runner._fold.trial
+    return runner
+
+
+def simulate(
+    study: Study,
+    progress: Progress,
+    start: Mapping[str, tuple[Array, ...]] | None = None,
+    made: Callable[[Study, Mapping[str, AnyLaw]], Mapping[str, Runner]] = ready,
+) -> xr.Dataset:
     """Run every controller that suits the study and return what it did, with units.
 
-    ``start`` holds memories to begin with, by controller. Raises InvalidValue where no controller suits the study.
+    ``start`` holds memories to begin with, by controller. ``made`` makes the runners; a law of which it makes none does
+    not run. Raises InvalidValue where no controller suits the study.
     """
     refused = study.refusals()
     suited = {name: law for name, law in study.controllers.items() if name not in refused}
@@ -116,7 +142,9 @@ def simulate(study: Study, progress: Progress, start: Mapping[str, tuple[Array, 
         tuned = study.tuning.tuned(study, progress)
         refused, before = {**refused, **tuned.refused}, tuned.record
         suited = {name: tuned.laws[name] for name in suited if name not in refused}
-    runners = ready(study, suited)
+    runners = made(study, suited)
+    refused = {**refused, **{name: "no runner was made of it" for name in suited if name not in runners}}
+    suited = {name: law for name, law in suited.items() if name in runners}
     inputs = study.inputs()
     sweeps = [(sweep, name, value) for sweep in study.sweeps for name in sweep.controllers for value in sweep.values]
     sweeps = [one for one in sweeps if one[1] in suited]

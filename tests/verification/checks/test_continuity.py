@@ -97,7 +97,49 @@ STANDINGS = [
 ]
 
 
-@pytest.mark.parametrize(("name", "equation", "standing"), STANDINGS, ids=[row[0] for row in STANDINGS])
+LINEAR = ca.interpolant("linear", "linear", [[-2.0, -0.5, 0.25, 1.0, 3.0]], [0.0, 1.0, 0.5, 2.0, 1.0])
+STRAIGHT = ca.interpolant("straight", "linear", [[-1.0, 0.5, 4.0]], [-2.0, 1.0, 8.0])
+CUBIC = ca.interpolant("cubic", "bspline", [[-2.0, -0.5, 0.25, 1.0, 3.0]], [0.0, 1.0, 0.5, 2.0, 1.0])
+POLYGON = ca.interpolant("polygon", "bspline", [[-2.0, -0.5, 0.25, 1.0, 3.0]], [0.0, 1.0, 0.5, 2.0, 1.0],
+                         {"degree": [1]})  # fmt: skip
+SHORT = ca.interpolant("short", "bspline", [[-0.5, 0.0, 0.25, 0.5]], [1.0, 1.0, 1.0, 1.0])
+SURFACE = ca.interpolant("surface", "linear", [[-2.0, 0.0, 2.0], [-1.0, 0.5, 3.0]],
+                         [0.0, 1.0, 0.5, 2.0, 1.0, -1.0, 0.25, 0.5, 3.0])  # fmt: skip
+
+
+def pieces(at: ca.SX) -> ca.SX:
+    """Straight pieces whose slopes are doubles: 2 before 1/4, then -1, then 1/2."""
+    return ca.pw_lin(at, ca.DM([-1, 0.25, 0.75, 2.75]), ca.DM([-2, 0.5, 0, 1]))
+
+
+TABLED = [
+    # equation, A1
+    ("a table of the state", lambda x, u, k: LINEAR(x) + u, PROVED),
+    ("a gain from a table of the state", lambda x, u, k: x + LINEAR(x) * u, PROVED),
+    ("a gain from a table of the sample", lambda x, u, k: x + LINEAR(k / 10) * u, PROVED),
+    ("a table of state and sample", lambda x, u, k: SURFACE(ca.vertcat(x, k / 10)) * u, PROVED),
+    ("a table of the input", lambda x, u, k: x + LINEAR(u), REFUTED),
+    ("a table of state and input", lambda x, u, k: SURFACE(ca.vertcat(x, u)), REFUTED),
+    ("a table of the input between two points", lambda x, u, k: x + LINEAR(0.5 + u / 10), PROVED),
+    ("a table whose points lie on one line", lambda x, u, k: x + STRAIGHT(u), PROVED),
+    ("a spline of the input", lambda x, u, k: x + CUBIC(u), PROVED),
+    ("a spline of the first degree", lambda x, u, k: x + POLYGON(u), REFUTED),
+    ("a spline that ends within the box", lambda x, u, k: x + SHORT(u), REFUTED),
+    ("pieces of the state", lambda x, u, k: pieces(x) + u, PROVED),
+    ("a gain from pieces of the state", lambda x, u, k: x + pieces(x) * u, PROVED),
+    ("pieces of the input", lambda x, u, k: x + pieces(u), REFUTED),
+    ("pieces of the input, one of them", lambda x, u, k: x + pieces(0.5 + u / 10), PROVED),
+    ("a pole that a guard keeps out", lambda x, u, k: x + u * ca.if_else(x > 0.25, 1 / x, 4), PROVED),
+    ("a root that a guard keeps in its domain", lambda x, u, k: u + ca.if_else(x > 0, ca.sqrt(x), 0), PROVED),
+    ("a guard that leaves the root's slope", lambda x, u, k: x + ca.if_else(u > 0, ca.sqrt(u), 0), REFUTED),
+    ("a guarded slope that breaks off", lambda x, u, k: x + ca.if_else(u > 0, ca.log(1 + u), 0), REFUTED),
+    ("what is left of a division", lambda x, u, k: x + ca.remainder(u, 1.5), REFUTED),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "equation", "standing"), STANDINGS + TABLED, ids=[row[0] for row in STANDINGS + TABLED]
+)
 def test_a1(name, equation, standing):
     plant, at = plant_of(equation), box()
     found = continuous_slope(plant, at)

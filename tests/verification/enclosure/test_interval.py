@@ -82,6 +82,11 @@ CLOSED_FORMS = [
     ("copysign", ca.copysign(x, y), (-3, 2), (-2, -1), -3, 0),
     ("copysign at zero", ca.copysign(x, y), (1, 2), (0, 1), -2, 2),
     ("fmod decided", ca.fmod(x, y), (5, 5.5), (2, 2), 1, 1.5),
+    ("remainder decided", ca.remainder(x, y), (5, 5.5), (2, 2), -1, 1),
+    ("remainder of one turn", ca.remainder(x, y), (5.25, 6.5), (2, 2), -0.75, 0.5),
+    ("remainder undecided", ca.remainder(x, y), (-1, 9), (2, 3), -1.5, 1.5),
+    ("remainder to even", ca.remainder(x, y), (1, 3), (1, 1), -0.5, 0.5),
+    ("remainder of small numbers", ca.remainder(x, y), (-0.25, 0.125), (1, 2), -0.25, 0.125),
     ("fmod undecided", ca.fmod(x, y), (-1, 9), (2, 3), -1, 3),
     ("hypot", ca.hypot(x, y), (-3, 1), (-4, 4), 0, 5),
     ("lt", x < y, (0, 1), (2, 3), 1, 1),
@@ -135,7 +140,7 @@ FAILURES = [
     ("power of a negative base", x**2.5, (-1, 1), "pow"),
     ("free power", x ** (y + 0.5), (-1, 1), "pow"),
     ("fmod", ca.fmod(y, x), (-1, 1), "fmod"),
-    ("unsupported", ca.remainder(x, y + 1), (0, 1), "the operation remainder is not supported"),
+    ("remainder", ca.remainder(x, y), (0, 1), "remainder([0.0, 1.0], [0.0, 0.0]): the divisor may be zero"),
     ("nan", x + ca.SX(math.nan), (0, 1), "the constant nan"),
     ("infinite constant", x + ca.SX(math.inf), (0, 1), "the constant inf"),
     ("a branch that may be taken", ca.if_else(x > 0, ca.log(x), 0), (-1, 1), "log"),
@@ -414,7 +419,8 @@ def test_a_spent_budget_is_a_sentence():
     assert found.lower <= -0.25 <= found.attained_min.upper
     pole = bound(scalar(1 / (x - y)), Box({"x": (0, 1), "y": (0, 1)}), budget=200)
     assert "budget" in pole.reason and "the divisor may be zero" in pole.reason
-    assert "remainder is not supported" in bound(scalar(ca.remainder(x, 2)), Box({"x": (0, 1), "y": 0})).reason
+    split = bound(scalar(ca.remainder(x, 2)), Box({"x": (0, 1), "y": 0}))
+    assert split.reason is None and (split.lower, split.upper) == (0, 1)
 
 
 def test_boxes_of_neighbouring_doubles_still_count():
@@ -522,7 +528,7 @@ def test_the_derivative_of_a_saturated_law_exists_where_it_does_not_saturate():
 def test_nonsmooth_operations_leave_out_what_is_smooth():
     assert nonsmooth_operations(scalar(ca.sin(x) * x**3 / 2 + ca.tanh(y) + ca.erf(x))) == ()
     assert [op.name for op in nonsmooth_operations(scalar(ca.fabs(x) + 1 / y))] == ["fabs", "inv"]
-    assert "not supported" in reaches(scalar(ca.remainder(x, y)), Box({"x": 1, "y": 1}))
+    assert [op.kind for op in nonsmooth_operations(scalar(ca.remainder(x, y)))] == ["jump"]
 
 
 # ------------------------------------------------------------------ boxes

@@ -271,8 +271,9 @@ def test_bad_plants_are_refused_in_a_line():
     many = sets.small(lambda x, u, w, k: [u.u0, *ca.vertsplit(x.vector)[1:]], states=64)
     with pytest.raises(InvalidValue, match="at most 62, got 64"):
         Recursion(many, 1)
-    unknown = sets.small(lambda x, u, w, k: (ca.remainder(x.x0, 2) + u.u0,))
-    with pytest.raises(InvalidValue, match="remainder is not supported"):
+    table = ca.interpolant("table", "linear", [[0.0, 1.0, 2.0]], [0.0, 1.0, 3.0])
+    unknown = sets.small(lambda x, u, w, k: (table(x.x0) + u.u0,))
+    with pytest.raises(InvalidValue, match="lookup is not supported"):
         Recursion(unknown, 1)
 
 
