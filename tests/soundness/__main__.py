@@ -37,6 +37,8 @@ def main() -> int:
     print(text)
     if told.into is not None:
         told.into.write_text(text)
+    if told.kept is not None:
+        told.kept.unlink(missing_ok=True)
     return 1 if made.false_proved or made.false_refuted or made.broke else 0
 
 

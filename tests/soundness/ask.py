@@ -15,6 +15,7 @@ from soundness.attack import campaigns
 from soundness.case import Case
 from soundness.families import drawn
 from soundness.truth import UNKNOWN, Known, truth
+from verification.checks.funnel import Open
 from verification.decide.judge import Judge
 from verification.decide.verify import AnotherRun, examination_of
 from verification.enclosure import recursion
@@ -30,7 +31,7 @@ PROVABLE = frozenset(
         "increment_monotone", "increment_weighted", FUNNEL, "increment_limit", "learning_curve",
     }
 )  # fmt: skip
-"""Claims that can be proved; what is said of the others is about what was run, and SUPPORTED is all that they can be."""
+"""Claims that can be proved; the others are about what was run, and SUPPORTED is all that they can be."""
 
 
 class Answer(NamedTuple):
@@ -104,10 +105,8 @@ def _answers(number: int, case: Case) -> list[Answer]:
     examined = examination_of(campaign)
     judge = Judge(expectations=examined.expectations, again=AnotherRun(campaign, False))
     dossier = Dossier(campaign, case.law.kind)
-    if case.channels > 1 or case.run.fell and len(case.run.u) < 2:
-        known = None
-    else:
-        known = Known(case, dossier.box, dossier.hull)
+    seen = case.channels == 1 and len(case.run.u) > 0
+    known = Known(case, dossier.box, dossier.hull) if seen else None
     made = []
     for claim in examined.claims:
         verdict, name = judge.verdict(claim), claim.name.split(".", 1)[1]
@@ -137,8 +136,9 @@ def _contradicted(case: Case, dossier: Dossier, name: str, verdict: Verdict) -> 
                 return f"a random campaign leaves the band of the {what}"
     if name == "learning_curve":
         bounds = dossier.funnels.curve
-        common = getattr(bounds, "common")
-        met = campaigns(case, seed=case.seed, trials=common.size, shortest=getattr(bounds, "last"))
+        assert not isinstance(bounds, Open)
+        common = bounds.common
+        met = campaigns(case, seed=case.seed, trials=common.size, shortest=bounds.last)
         if (met.mse > common * (1 + 1e-9) + 1e-15).any():
             return "the error of a random campaign lies above the curve"
     if name.startswith("limit."):

@@ -51,6 +51,9 @@ class Bounded(Disturbance):
         return np.array([[-self.largest, self.largest]])
 
 
+FIXED = TrialLength(law="fixed")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Case:
     """A campaign whose truth is known."""
@@ -60,7 +63,7 @@ class Case:
     law: Told
     reference: tuple[float, ...]
     trials: int = 6
-    lengths: TrialLength = TrialLength(law="fixed")
+    lengths: TrialLength = FIXED
     start: tuple[float, ...] | None = None
     """None: at rest."""
     spread: float = 0.0

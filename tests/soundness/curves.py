@@ -1,6 +1,6 @@
 """Functions of one number of which everything is known: value, slope, where it bends, jumps or ends.
 
-Each is written once, for whatever arithmetic it is given: CasADi's symbols for the plant, NumPy's numbers for the truth.
+Each is written once, for the arithmetic that it is given: CasADi's symbols for the plant, NumPy's numbers for truth.
 """
 
 from __future__ import annotations

@@ -6,14 +6,15 @@ from soundness.table import Tally, silent, table
 
 ABOUT = """# How far verdicts may be relied on
 
-Written by `make soundness`: {cases} random small plants and laws (seed {seed}) whose truth is known by construction, of
-which every general claim is asked and judged as `workbench verify` does. Truth comes from the parameters and from a plain
-loop in NumPy, never from the program. A claim that is PROVED of all trials is held against 200 random campaigns besides.
+Written by `make soundness`: {cases} random small plants and laws (seed {seed}) whose truth is known by construction. Of
+each every general claim is asked, and judged as `workbench verify` does. Truth comes from the parameters and from a
+plain loop in NumPy, never from the program; what is PROVED of all trials is held against 200 random campaigns besides.
 
 False PROVED: {proved}. False REFUTED: {refuted}. Broke down: {broke}.
 
 A case has to be decided where all that a claim asks is met by construction, and nothing lies so near an edge that
-rounding decides. A true one is decided as PROVED (SUPPORTED where a claim is about what was run), a false one as REFUTED.
+rounding decides. A true one is decided as PROVED (SUPPORTED where a claim is about what was run), a false one as
+REFUTED.
 """
 
 

@@ -19,6 +19,7 @@ from soundness.curves import Curve, Numbers, Symbols, linear, none
 
 Array = NDArray[np.float64]
 Ends = tuple[float, float]
+LINE, NOTHING = linear(1.0), none()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +29,8 @@ class Chain:
     a: Sequence[float]
     c: Sequence[float] = ()
     """(states - 1,)."""
-    drive: Curve = linear(1.0)
-    drift: Curve = none()
+    drive: Curve = LINE
+    drift: Curve = NOTHING
     row: int = 0
     """Of the drift, which is of that row's own state."""
     scale: Curve | None = None

@@ -106,7 +106,7 @@ class Known:
     def _remembered(self) -> bool:
         """Whether an earlier input surely moves the output: the paths by the diagonal do not cancel."""
         of = self.chain
-        if not self.straight or of.later is not None and of.later[1] == 0:
+        if not self.straight or (of.later is not None and of.later[1] == 0):
             return False
         total = sum(of.a[: of.degree]) - (1.0 if self.law.increment else 0.0)
         return abs(total) > 0.02 and min(abs(g) for g in self.box.gains) > 1e-3
@@ -196,8 +196,9 @@ class Known:
         plain = first and self.alike and self.quiet and self._continuous_everywhere and not self.run.fell
         if plain and self._gain_fits(low, high):
             return Truth(True, self.case.lengths.law != "given", "slopes lie between two ends above 0, and l b below 2")
-        if plain and self.law.kind == "simple" and low == high and not self._settles_first(low):
-            return Truth(False, True, "the error of the first sample never falls")
+        flat = first and self.alike and self.quiet and self._continuous_everywhere and low == high
+        if flat and self._never_nearer(high) and self.case.lengths.law != "given":
+            return Truth(False, self.law.phi0 > 0, "the error of the first sample never falls")
         return UNKNOWN
 
     def transient(self) -> Truth:
@@ -214,7 +215,7 @@ class Known:
         if found is None or self.run.fell:
             return UNKNOWN
         radius = float(np.abs(found[0]).max())
-        if radius > 1 + CLEAR or self.chain.degree > 1 and self._learns_one_ahead and radius == 1:
+        if radius > 1 + CLEAR or (self.chain.degree > 1 and self._learns_one_ahead and radius == 1):
             return Truth(False, due, "a diagonal entry of the plain map is 1 or above")
         if radius < 1 - CLEAR and self.run.mse[-1] < self.run.mse[0] * (1 - CLEAR) and self.law.kind != "pd":
             return Truth(True, due, "all diagonal entries of the plain map are below 1, and its limit has no error")
@@ -266,23 +267,48 @@ class Known:
         low, high = self._slope_of_all
         plain = self.chain.degree == 1 and self.case.clipped is None and self.alike and self.quiet
         if plain and self._continuous_everywhere and self._gain_fits(low, high) and not self.run.fell:
-            return Truth(True, self.law.ends[0] > 0 and self.straight, "as for the conclusion of Theorem 1")
-        if plain and self.law.kind == "simple-increment" and low == high and not self._settles_first(low):
-            return Truth(False, not self.run.fell, "the error of the first sample never falls")
+            due = self.law.ends[0] > 0 and self.increment_funnel().due
+            return Truth(True, due, "as for the conclusion of Theorem 1, within a funnel")
+        if plain and low == high and self._never_nearer(high):
+            return Truth(False, False, "the error of the first sample never falls, and there is no funnel to rest on")
         return UNKNOWN
 
     def increment_funnel(self) -> Truth:
-        """No truth but a plain one: a linear plant has bands whose width is that of the state's own differences."""
+        """A band there is of a plant that is linear; it is due where plain intervals make one that is narrow."""
         low, high = self._slope_of_all
-        bounded = not self.case.unbounded or not (self.case.noise or self.case.drawn)
-        if self.straight and self.chain.degree == 1 and self.case.clipped is None and bounded:
-            steady = max(abs(a) for a in self.chain.a) <= 1 and not self.chain.changes
-            return (
-                Truth(None, False, "")
-                if not (low > 0 and self.law.ends[1] * high < 1 and steady)
-                else Truth(True, self.law.ends[0] >= 0, "the plant is linear, its slope positive and l b below 1")
-            )
-        return UNKNOWN
+        law = self.law
+        if not (self.straight and self.chain.degree == 1 and self.case.clipped is None and low > CLEAR):
+            return UNKNOWN
+        if self.case.unbounded and (self.case.noise or self.case.drawn):
+            return UNKNOWN
+        if law.ends[0] < 0 or law.ends[1] * high > 1 - CLEAR or self.chain.changes:
+            return UNKNOWN
+        due = self._plain_width < 5 * np.ptp(self.case.reference)
+        return Truth(
+            True, bool(due), "the plant is linear, its slope positive, l b below 1, and plain bands are narrow"
+        )
+
+    @property
+    def _plain_width(self) -> float:
+        """The widest band of the output by intervals, of a linear plant whose inputs lie between plan and target."""
+        case, of = self.case, self.chain
+        start = np.array(case.start or (0.0,) * of.states)
+        x = np.stack([start - case.spread, start + case.spread], axis=-1)
+        widest = 0.0
+        for k in range(case.horizon):
+            b = float(of.gain_at(Numbers, k)) * float(of.drive.slope(0.0))
+            w = np.array([-case.drawn, case.drawn]) + (0.0 if case.given is None else case.given[k])
+            free = _between(np.array([of.a[0] - 1.0, *of.c[:1]]), x[:2]) + w
+            rise = case.reference[k + 1] - case.reference[k] + 2 * case.noise * np.array([-1.0, 1.0])
+            target = np.sort((rise - free[::-1]) / b)
+            u = np.array([min(self.law.first, target[0]), max(self.law.first, target[1])])
+            rows = []
+            for i in range(of.states):
+                rows.append(_between(np.array([of.a[i], *of.c[i : i + 1]]), x[i : i + 2]))
+            rows[0] = rows[0] + np.sort(b * u) + w
+            x = np.array(rows)
+            widest = max(widest, float(np.diff(x[0])[0]))
+        return widest
 
     def does_not_diverge(self) -> Truth:
         return Truth(not self.run.fell, True, "so went the plain run")
@@ -303,7 +329,7 @@ class Known:
         return UNKNOWN
 
     def estimate_useful(self) -> Truth:
-        if len(self.run.u) < 2 or self.run.fell and len(self.run.u) < 2:
+        if len(self.run.u) < 2 or (self.run.fell and len(self.run.u) < 2):
             return UNKNOWN
         degree, n, half = self.chain.degree, self.case.horizon, len(self.run.u) // 2
         true = self._partials[half:]
@@ -392,10 +418,12 @@ class Known:
         least, most = self.law.ends
         return bool(np.isfinite(high)) and low > 1e-6 and least >= 0 and most > 0 and most * high < 2 - 1e-6
 
-    def _settles_first(self, b: float) -> bool:
-        """Whether the error of the first sample falls, for a slope that is the same everywhere."""
+    def _never_nearer(self, b: float) -> bool:
+        """Whether no trial brings the first sample nearer, for a slope that is the same everywhere."""
         first = self.run.x[0][0, 1] - self.case.reference[1] if self.run.x else 0.0
-        return abs(1 - self.law.gain * b) < 1 + CLEAR or abs(first) < 1e-6
+        least, most = self.law.ends
+        beyond = (b < -CLEAR and most > 0 and least >= 0) or least * b > 2 + CLEAR
+        return beyond and abs(first) > CLEAR
 
     @cached_property
     def _map(self) -> tuple[Array, Array] | None:
@@ -478,10 +506,12 @@ class Known:
         found = self._wanted
         if found is None:
             return False
+        rows, ends = (*found[0], found[1]), (*self.box.x, self.box.u)
+        room = [1e-4 * (high - low) for low, high in ends]
         return all(
-            low + 1e-4 * (high - low) < row.min() and row.max() < high - 1e-4 * (high - low) or low == high == row.min()
-            for row, (low, high) in zip((*found[0], found[1]), (*self.box.x, self.box.u), strict=True)
-        ) and all(low < high for low, high in (*self.box.x, self.box.u))
+            low + spare < row.min() and row.max() < high - spare
+            for row, (low, high), spare in zip(rows, ends, room, strict=True)
+        )
 
     @property
     def _off_along_the_wanted(self) -> float | None:
@@ -507,6 +537,11 @@ def _lifted(of: Chain, x: Array, u: Array, increment: bool) -> Array:
         G[k] = reach[0] - before if increment else reach[0]
         before = reach[0].copy()
     return G
+
+
+def _between(factors: Array, ends: Array) -> Array:
+    """Return the ends of a sum of factors times what lies between ends, (n, 2)."""
+    return np.sort(factors[: len(ends), None] * ends, axis=1).sum(axis=0)
 
 
 def _region(of: Chain, box: Ends) -> Region:
@@ -574,7 +609,10 @@ def truth(known: Known, claim: str) -> Truth:
     """Return what is true of a claim (its name without the study's)."""
     if claim.startswith("limit."):
         return known.limit(claim.removeprefix("limit."))
-    return CLAIMS[claim](known) if claim in CLAIMS else UNKNOWN
+    if claim not in CLAIMS:
+        return UNKNOWN
+    holds, due, why = CLAIMS[claim](known)
+    return Truth(None if holds is None else bool(holds), bool(due), why)
 
 
 __all__: Sequence[str] = ("CLAIMS", "Known", "Truth", "truth")

@@ -15,6 +15,7 @@ from scipy import stats
 
 from models.array import Array
 from models.plant import Plant
+from verification.checks import continuity
 from verification.checks.delayed import delayed_box, delayed_output, delayed_slope
 from verification.checks.domain import described
 from verification.checks.row_sums import SlopeBounds, off_diagonal
@@ -34,8 +35,9 @@ SIGNIFICANCE = 1e-3  # of the sampler's test, over all lengths together
 def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     """A2 as printed: one p with |ds(k+d)| <= p |du(k)| wherever du(k) != 0.
 
-    A plant without memory is proved to have it. For one with memory a pair of input sequences is built whose ratio
-    grows without bound: an earlier difference du(j) is kept while du(k) goes to 0.
+    A plant without memory is proved to have it, or refuted where the output jumps with the input. For one with memory a
+    pair of input sequences is built whose ratio grows without bound: an earlier difference du(j) is kept while du(k)
+    goes to 0.
     """
     if not remembers(plant, evidence):
         f, inner = (
@@ -51,6 +53,13 @@ def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
                 bound=max(abs(found.lower), abs(found.upper)),
                 bound_unit=gain_unit(*units_of(plant)),
                 method=f"the output depends on no earlier input; p is the largest |df/du| for {described(plant, box)}",
+            )
+        jump = continuity.continuous_slope(plant, box, evidence.degree)
+        if continuity.jumps_with_input(jump.witness or {}) and jump.fails:
+            return dataclasses.replace(
+                jump,
+                method="the output depends on no earlier input, and jumps with this one: two inputs, however close, "
+                "give outputs that are apart by the margin, so no p bounds their ratio",
             )
     built = vanishing_difference(plant, evidence)
     largest = _largest_ratio(evidence)

@@ -120,6 +120,11 @@ def _jumps(
     )
 
 
+def jumps_with_input(witness: Mapping[str, object]) -> bool:
+    """Tell whether a witness of :func:`continuous_slope` is a jump of the output along the input itself."""
+    return witness.get("of") == "f" and witness.get("across") == "u"
+
+
 def _has_no_end(plant: Plant, f: Graph, slopes: Graph, box: Box, reach: Reach) -> Finding | None:
     """Return the refutation where f has no value at a point, or no finite slope."""
     if reach.reachable != "yes" or reach.point is None:
