@@ -92,7 +92,10 @@ def linear(rng: Rng) -> Case:
 def integrator(rng: Rng) -> Case:
     """Nearly an integrator, so that learning on increments is monotone."""
     made = chain(rng, states=1, a=(float(rng.uniform(0.93, 1.0)),))
-    return case(rng, "integrator", made, law(rng, b=made.gain, kind=str(rng.choice(["increment", "simple-increment"]))))
+    told = law(rng, b=made.gain, kind=str(rng.choice(["increment", "simple-increment"], p=(0.7, 0.3))))
+    lam = made.gain**2 * float(rng.uniform(0.15, 0.5))  # quick enough for trials to come to what the reference needs
+    told = replace(told, rho=float(rng.uniform(0.8, 1.0)), lam=lam, phi0=float(np.sqrt(lam)))
+    return replace(case(rng, "integrator", made, told), trials=9)
 
 
 def memoryless(rng: Rng) -> Case:

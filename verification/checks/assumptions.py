@@ -122,7 +122,8 @@ class Vanishing(NamedTuple):
 def vanishing_difference(plant: Plant, evidence: Evidence, steps: int = 12) -> Vanishing | None:
     """Return input pairs whose ratio |ds(k+d)|/|du(k)| ends up growing as 1/|du(k)|, or None.
 
-    The last trial's plan is the one sequence; the other adds ``kept`` at sample j and ``du`` at sample k > j.
+    The last trial's plan is the one sequence; the other adds ``kept`` at sample j and ``du`` at sample k > j. A plant
+    may remember an input for a sample only, so j is half way to k, and then the sample before k.
     """
     taken, degree = evidence.trajectories, evidence.degree
     trial = taken.u.shape[0] - 1
@@ -130,26 +131,28 @@ def vanishing_difference(plant: Plant, evidence: Evidence, steps: int = 12) -> V
     if not np.isfinite(plan).all():
         return None
     k = int(taken.lengths[trial]) - degree
-    j = max(0, k - max(1, k // 2))
     kept = 0.1 * float(np.ptp(plan) or np.abs(plan).max() or 1.0)
     outputs = rollout(plant, x0, plan, taken.w[trial])[1]
     base = learned_signal(outputs, evidence.increment)[k + degree]
     rounding = 1e3 * float(np.finfo(float).eps * np.abs(outputs).max())
-    sizes, ratios = [], []
-    for step in range(steps):
-        other = plan.copy()
-        other[j] += kept
-        other[k] += kept * 10.0**-step
-        difference = float(other[k] - plan[k])
-        _, moved = rollout(plant, x0, other, taken.w[trial])
-        change = abs(float(learned_signal(moved, evidence.increment)[k + degree]) - float(base))
-        if not np.isfinite(change) or change < rounding or difference == 0:
-            break
-        sizes.append(difference)
-        ratios.append(change / abs(difference))
-    if len(ratios) < 3 or ratios[-1] < 8 * ratios[-2] or ratios[-2] < 8 * ratios[-3]:
-        return None
-    return Vanishing(kept, j, k, sizes, ratios)
+    for j in dict.fromkeys((max(0, k - max(1, k // 2)), max(0, k - 1))):
+        sizes, ratios = [], []
+        for step in range(steps):
+            other = plan.copy()
+            other[j] += kept
+            other[k] += kept * 10.0**-step
+            difference = float(other[k] - plan[k])
+            _, moved = rollout(plant, x0, other, taken.w[trial])
+            change = abs(float(learned_signal(moved, evidence.increment)[k + degree]) - float(base))
+            if not np.isfinite(change) or difference == 0 or (sizes and change < rounding):
+                break
+            if change < rounding:  # both differences cancel
+                continue
+            sizes.append(difference)
+            ratios.append(change / abs(difference))
+        if len(ratios) > 2 and ratios[-1] >= 8 * ratios[-2] and ratios[-2] >= 8 * ratios[-3]:
+            return Vanishing(kept, j, k, sizes, ratios)
+    return None
 
 
 def _largest_ratio(evidence: Evidence) -> dict[str, object]:

@@ -156,6 +156,16 @@ def test_assumptions_along_trials(name, plant, a2, lifted, a4, lemma):
     holds(judged(d, "lemma1"), lemma)
 
 
+def test_an_input_that_is_remembered_for_one_sample_leaves_no_bound():
+    """The increment y(k+1) - y(k) of y(k+1) = 2 u(k) is moved by u(k-1), and by no input before."""
+    law = Increment(force_unit=1.0, lam=1.0, mu=1.0, initial_input=0.3)
+    d = Dossier(campaign(STATIC, law), "law")
+    found = judged(d, "A2.printed")
+    holds(found, REFUTED)
+    assert found.witness["earlier_sample"] == found.witness["sample"] - 1
+    holds(judged(d, "lemma1"), REFUTED)
+
+
 @pytest.mark.parametrize("at", [0.35, 5.0])
 def test_a_jump_with_the_input_leaves_no_bound(at):
     """Without memory the ratio is bounded but across a jump: REFUTED where trials came to it, and nowhere else."""
