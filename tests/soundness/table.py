@@ -72,13 +72,10 @@ def table(shares: Mapping[str, Share], heading: str) -> list[str]:
     return rows
 
 
-def silent(found: Tally, least: float = 0.9) -> list[str]:
-    """Return claim and family where fewer than nine in ten are decided, as rows."""
-    rows = ["| claim | family | true cases decided | false cases decided |", "|---|---|---|---|"]
-    for (claim, family), one in found.shares.items():
-        if one.true_decided < least * one.true or one.false_decided < least * one.false:
-            rows.append(
-                f"| {claim} | {family} | {percent(one.true_decided, one.true)} | "
-                f"{percent(one.false_decided, one.false)} |"
-            )
-    return rows
+def silent(found: Tally) -> list[tuple[str, str, str, str]]:
+    """Return claim, family and shares where not all are decided."""
+    return [
+        (claim, family, percent(one.true_decided, one.true), percent(one.false_decided, one.false))
+        for (claim, family), one in found.shares.items()
+        if one.true_decided < one.true or one.false_decided < one.false
+    ]
