@@ -107,7 +107,7 @@ def wavy(b: float, c: float, w: float, p: float = 0.0) -> Curve:
 
     def turns(low: float, high: float) -> Sequence[float]:
         first, last = np.floor((w * low + p) / np.pi), np.ceil((w * high + p) / np.pi)
-        return [float((n * np.pi - p) / w) for n in np.arange(first, last + 1)] if last - first < 1000 else ()
+        return [float((n * np.pi - p) / w) for n in np.arange(first, last + 1)] if last - first < 1e6 else ()
 
     return Curve(
         value=lambda m, v: b * v + c * m.sin(w * v + p), slope=lambda v: b + c * w * np.cos(w * v + p), turns=turns

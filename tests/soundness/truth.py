@@ -115,12 +115,14 @@ class Known:
         if self.box.unbroken:
             return Truth(True, self.alike, "the equations are continuous with bounded slopes on the box")
         if self._jumps_in_hull() and self.chain.degree == 1:
-            return Truth(False, False, "the output jumps inside the box")
+            return Truth(False, self.alike, "the output jumps with an input that trials come to")
         return UNKNOWN
 
     def _jumps_in_hull(self) -> bool:
+        """Whether inputs that trials come to move the output across a jump: of the input, or of the output itself."""
         of, hull = self.chain, self.hull
-        return Curve.meets(of.drive.jumps, *_inner(hull.u)) or Curve.meets(of.drift.jumps, *_inner(hull.x[of.row]))
+        output = of.row == 0 and Curve.meets(of.drift.jumps, *_inner(hull.x[0]))
+        return Curve.meets(of.drive.jumps, *_inner(hull.u)) or output
 
     def A3(self) -> Truth:
         return Truth(True, True, "lengths are drawn from their distribution")

@@ -164,7 +164,8 @@ def _largest_ratio(evidence: Evidence) -> dict[str, object]:
 def lipschitz_lifted(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box: Box) -> Finding:
     """A2 repaired: |ds(k+d)| <= p max over j <= k of |du(j)|, p the largest row sum of |G|.
 
-    PROVED over the box where intervals bound it; else SUPPORTED along the last trial's trajectory.
+    PROVED over the box where intervals bound it; else SUPPORTED along the last trial's trajectory, unless the output
+    is seen to jump inside the box.
     """
     along = lifted_along(plant, evidence)
     off, own = along.row_sums()
@@ -186,6 +187,12 @@ def lipschitz_lifted(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box:
         )
     if not np.isfinite(p):
         return undecided("the row sums along the last trial's plan are not finite")
+    if jump := continuity.jump_reached(plant, box, evidence.degree):
+        return undecided(
+            f"the output is not continuous in the scope ({jump}), so row sums along one trial bound no difference of "
+            "two trials to either side of the jump",
+            beside=witness,
+        )
     return Finding(
         grounds=Grounds.NUMERICS,
         holds=bool(np.isfinite(p)),
