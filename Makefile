@@ -3,7 +3,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test test-slow bench check notebooks clean
+.PHONY: demo test test-slow soundness bench check notebooks clean
+
+COUNT ?= 10000
+SEED ?= 0
 
 demo: $(VENV)/.installed
 	$(BIN)/workbench verify metro --case default
@@ -13,6 +16,10 @@ test: $(VENV)/.installed-dev
 
 test-slow: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -n auto -m slow
+
+soundness: $(VENV)/.installed-dev
+	@mkdir -p out
+	PYTHONPATH=.:tests $(BIN)/python -m soundness --count $(COUNT) --seed $(SEED) --kept out/soundness-$(SEED).jsonl --into docs/soundness.md
 
 bench: $(VENV)/.installed-dev
 	$(BIN)/python -m benchmarks

@@ -6,6 +6,7 @@ import numpy as np
 
 from models.plant import Plant
 from models.quantity import InvalidValue
+from verification.checks import continuity
 from verification.checks.delayed import delayed_output
 from verification.checks.points import Witness, derivative_at, point_of
 from workbench.evidence.ppd import Evidence, learned_signal
@@ -49,14 +50,16 @@ def replay_sign(plant: Plant, evidence: Evidence, witness: Witness) -> float:
 
 def replay_lemma(plant: Plant, evidence: Evidence, witness: Witness) -> float:
     """Return minus how far the signal moved where its input did not, or as :func:`replay_vanishing`."""
-    if "ratios" in witness:
+    if "ratios" in witness or "across" in witness:
         return replay_vanishing(plant, evidence, witness)
     du, ds = _differences(plant, evidence, witness)
     return -abs(ds) if du == 0 else abs(ds)
 
 
 def replay_vanishing(plant: Plant, evidence: Evidence, witness: Witness) -> float:
-    """Return minus the last ratio of two plans that a witness of A2 says how to make, both run."""
+    """Return minus the last ratio of two plans that a witness of A2 says how to make, both run; or minus a jump."""
+    if "across" in witness:
+        return continuity.replay(plant, evidence.degree, witness)
     trial, k = place_of(witness)
     j, kept, du = (witness.get(name) for name in ("earlier_sample", "kept", "du"))
     if not isinstance(j, int) or not isinstance(kept, float) or not isinstance(du, list) or not du:

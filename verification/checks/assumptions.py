@@ -15,6 +15,7 @@ from scipy import stats
 
 from models.array import Array
 from models.plant import Plant
+from verification.checks import continuity
 from verification.checks.delayed import delayed_box, delayed_output, delayed_slope
 from verification.checks.domain import described
 from verification.checks.row_sums import SlopeBounds, off_diagonal
@@ -34,8 +35,9 @@ SIGNIFICANCE = 1e-3  # of the sampler's test, over all lengths together
 def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     """A2 as printed: one p with |ds(k+d)| <= p |du(k)| wherever du(k) != 0.
 
-    A plant without memory is proved to have it. For one with memory a pair of input sequences is built whose ratio
-    grows without bound: an earlier difference du(j) is kept while du(k) goes to 0.
+    A plant without memory is proved to have it, or refuted where the output jumps with the input. For one with memory a
+    pair of input sequences is built whose ratio grows without bound: an earlier difference du(j) is kept while du(k)
+    goes to 0.
     """
     if not remembers(plant, evidence):
         f, inner = (
@@ -51,6 +53,13 @@ def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
                 bound=max(abs(found.lower), abs(found.upper)),
                 bound_unit=gain_unit(*units_of(plant)),
                 method=f"the output depends on no earlier input; p is the largest |df/du| for {described(plant, box)}",
+            )
+        jump = continuity.continuous_slope(plant, box, evidence.degree)
+        if continuity.jumps_with_input(jump.witness or {}) and jump.fails:
+            return dataclasses.replace(
+                jump,
+                method="the output depends on no earlier input, and jumps with this one: two inputs, however close, "
+                "give outputs that are apart by the margin, so no p bounds their ratio",
             )
     built = vanishing_difference(plant, evidence)
     largest = _largest_ratio(evidence)
@@ -113,7 +122,8 @@ class Vanishing(NamedTuple):
 def vanishing_difference(plant: Plant, evidence: Evidence, steps: int = 12) -> Vanishing | None:
     """Return input pairs whose ratio |ds(k+d)|/|du(k)| ends up growing as 1/|du(k)|, or None.
 
-    The last trial's plan is the one sequence; the other adds ``kept`` at sample j and ``du`` at sample k > j.
+    The last trial's plan is the one sequence; the other adds ``kept`` at sample j and ``du`` at sample k > j. A plant
+    may remember an input for a sample only, so j is half way to k, and then the sample before k.
     """
     taken, degree = evidence.trajectories, evidence.degree
     trial = taken.u.shape[0] - 1
@@ -121,26 +131,28 @@ def vanishing_difference(plant: Plant, evidence: Evidence, steps: int = 12) -> V
     if not np.isfinite(plan).all():
         return None
     k = int(taken.lengths[trial]) - degree
-    j = max(0, k - max(1, k // 2))
     kept = 0.1 * float(np.ptp(plan) or np.abs(plan).max() or 1.0)
     outputs = rollout(plant, x0, plan, taken.w[trial])[1]
     base = learned_signal(outputs, evidence.increment)[k + degree]
     rounding = 1e3 * float(np.finfo(float).eps * np.abs(outputs).max())
-    sizes, ratios = [], []
-    for step in range(steps):
-        other = plan.copy()
-        other[j] += kept
-        other[k] += kept * 10.0**-step
-        difference = float(other[k] - plan[k])
-        _, moved = rollout(plant, x0, other, taken.w[trial])
-        change = abs(float(learned_signal(moved, evidence.increment)[k + degree]) - float(base))
-        if not np.isfinite(change) or change < rounding or difference == 0:
-            break
-        sizes.append(difference)
-        ratios.append(change / abs(difference))
-    if len(ratios) < 3 or ratios[-1] < 8 * ratios[-2] or ratios[-2] < 8 * ratios[-3]:
-        return None
-    return Vanishing(kept, j, k, sizes, ratios)
+    for j in dict.fromkeys((max(0, k - max(1, k // 2)), max(0, k - 1))):
+        sizes, ratios = [], []
+        for step in range(steps):
+            other = plan.copy()
+            other[j] += kept
+            other[k] += kept * 10.0**-step
+            difference = float(other[k] - plan[k])
+            _, moved = rollout(plant, x0, other, taken.w[trial])
+            change = abs(float(learned_signal(moved, evidence.increment)[k + degree]) - float(base))
+            if not np.isfinite(change) or difference == 0 or (sizes and change < rounding):
+                break
+            if change < rounding:  # both differences cancel
+                continue
+            sizes.append(difference)
+            ratios.append(change / abs(difference))
+        if len(ratios) > 2 and ratios[-1] >= 8 * ratios[-2] and ratios[-2] >= 8 * ratios[-3]:
+            return Vanishing(kept, j, k, sizes, ratios)
+    return None
 
 
 def _largest_ratio(evidence: Evidence) -> dict[str, object]:
@@ -152,7 +164,8 @@ def _largest_ratio(evidence: Evidence) -> dict[str, object]:
 def lipschitz_lifted(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box: Box) -> Finding:
     """A2 repaired: |ds(k+d)| <= p max over j <= k of |du(j)|, p the largest row sum of |G|.
 
-    PROVED over the box where intervals bound it; else SUPPORTED along the last trial's trajectory.
+    PROVED over the box where intervals bound it; else SUPPORTED along the last trial's trajectory, unless the output
+    is seen to jump inside the box.
     """
     along = lifted_along(plant, evidence)
     off, own = along.row_sums()
@@ -174,6 +187,12 @@ def lipschitz_lifted(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box:
         )
     if not np.isfinite(p):
         return undecided("the row sums along the last trial's plan are not finite")
+    if jump := continuity.jump_reached(plant, box, evidence.degree):
+        return undecided(
+            f"the output is not continuous in the scope ({jump}), so row sums along one trial bound no difference of "
+            "two trials to either side of the jump",
+            beside=witness,
+        )
     return Finding(
         grounds=Grounds.NUMERICS,
         holds=bool(np.isfinite(p)),

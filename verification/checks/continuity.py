@@ -120,6 +120,26 @@ def _jumps(
     )
 
 
+def jumps_with_input(witness: Mapping[str, object]) -> bool:
+    """Tell whether a witness of :func:`continuous_slope` is a jump of the output along the input itself."""
+    return witness.get("of") == "f" and witness.get("across") == "u"
+
+
+def jump_reached(plant: Plant, box: Box, degree: int = 1) -> str:
+    """Return in words where y(k+d) jumps inside a box, along a state or an input, or an empty text."""
+    try:
+        f = read(delayed_output(plant, degree))
+    except Unreadable:
+        return ""
+    inner = delayed_box(box, degree)
+    found = continuous_on(f, inner)
+    for reach in found.reaches if not found.proved else ():
+        broken = break_at(f, inner, reach)
+        if broken is not None:
+            return f"it jumps by {broken.gap:.4g} along {broken.across}, at {reach.operation.expression}"
+    return ""
+
+
 def _has_no_end(plant: Plant, f: Graph, slopes: Graph, box: Box, reach: Reach) -> Finding | None:
     """Return the refutation where f has no value at a point, or no finite slope."""
     if reach.reachable != "yes" or reach.point is None:

@@ -153,6 +153,43 @@ def contracting(gain: LearningGain, b_low: float, b_high: float) -> float | str:
     return room
 
 
+def never_nearer(gain: LearningGain, bounds: Slope, errors: Array) -> Finding | None:
+    """Return the refutation where the error of the first sample never falls in any trial, or None.
+
+    All trials begin in one state, so each multiplies that error by 1 - l B. Its magnitude is 1 or more where l B is at
+    most 0, or at least 2. ``errors`` are the recorded ones of the first sample, by trial.
+    """
+    low, high = bounds
+    first = float(errors[0]) if errors.size else 0.0
+    if not (np.isfinite(bounds).all() and np.isfinite(first) and first != 0):
+        return None
+    falling = high <= 0 and gain.low >= 0 and gain.high > 0
+    least = float(np.nextafter(gain.low * low, -np.inf))
+    if not falling and not least >= 2:
+        return None
+    margin = high if falling else 2 - least
+    why = (
+        f"the output does not rise with the input (slopes B of {low:.4g} to {high:.4g}), while l is positive"
+        if falling
+        else f"l B is at least {least:.4g}, so that each trial overshoots by no less than the error was"
+    )
+    return Finding(
+        grounds=Grounds.INDUCTION,
+        margin=margin,
+        unit="1",
+        witness={
+            "sample": 1,
+            "first_error": first,
+            "b_low": low,
+            "b_high": high,
+            "l_min": gain.low,
+            "l_max": gain.high,
+        },
+        method=f"each trial multiplies the error of sample 1 by 1 - l B, and {why}: it never falls from "
+        f"the {first:.4g} of the first trial",
+    )
+
+
 def unreached(study: Study) -> Finding:
     """Look whether every sample 1..N is reached with a probability above 0, by trials whose lengths are independent."""
     law = study.scenario.trial_length
@@ -178,16 +215,19 @@ def unreached(study: Study) -> Finding:
     )
 
 
-def output_limit(study: Study, law: AnyLaw, bounds: Slope | str, fell: str) -> Finding:
+def output_limit(study: Study, law: AnyLaw, bounds: Slope | str, fell: str, errors: Array) -> Finding:
     """Look at what the induction asks of slope and gain, for a law with an estimate that learns on the output.
 
-    ``fell`` says where the recorded run was stopped; empty where it came to its end.
+    ``fell`` says where the recorded run was stopped; empty where it came to its end. ``errors`` are those of the first
+    sample by trial, which refute it where they can be seen never to fall.
     """
     gain = law.learning_gain
     if gain is None:
         return undecided("the law does not say between which ends its learning gain lies")
     if isinstance(bounds, str):
         return undecided(bounds)
+    if (refuted := never_nearer(gain, bounds, errors)) is not None:
+        return refuted
     room = contracting(gain, *bounds)
     if isinstance(room, str):
         return undecided(room)

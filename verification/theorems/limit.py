@@ -110,7 +110,8 @@ def _fell(d: Dossier) -> str:
 
 
 def _conclusion(d: Dossier) -> Finding:
-    return limit.output_limit(d.study, d.law, limit.slope_everywhere(d.plant, d.study.horizon), _fell(d))
+    errors = np.asarray(d.campaign.data["error"].sel(controller=d.controller).values[: d.done, 1], dtype=float)
+    return limit.output_limit(d.study, d.law, limit.slope_everywhere(d.plant, d.study.horizon), _fell(d), errors)
 
 
 def _transient(d: Dossier) -> Finding:

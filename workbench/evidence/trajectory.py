@@ -113,7 +113,10 @@ class Lineariser:
         self._all = one.map(samples + 1)
 
     def at(self, x: Array, u: Array, w: Array | None = None) -> Linearisation:
-        """Return the linearisation along x (nx, N + 1), u (N,) and w (nw, N), zero by default; NaN in x stays NaN."""
+        """Return the linearisation along x (nx, N + 1), u (N,) and w (nw, N), zero by default.
+
+        It is NaN where x is, also of a plant whose slopes do not depend on x.
+        """
         n, nx = self.samples, self.nx
         inputs = np.zeros((1, n + 1))
         inputs[0, :n] = u
@@ -121,7 +124,13 @@ class Lineariser:
         if w is not None:
             met[:, :n] = w
         a, b, c = (value.full() for value in self._all(x, inputs, met, np.arange(n + 1)))
-        return Linearisation(a.reshape(nx, n + 1, nx).transpose(1, 0, 2)[:n], b.T[:n], c.reshape(1, n + 1, nx)[0])
+        found = Linearisation(
+            a.reshape(nx, n + 1, nx).transpose(1, 0, 2)[:n].copy(), b.T[:n].copy(), c.reshape(1, n + 1, nx)[0].copy()
+        )
+        gone = np.isnan(x).any(axis=0)
+        for value in found:
+            value[gone[: len(value)]] = np.nan
+        return found
 
 
 def partial(line: Linearisation, degree: int) -> Array:

@@ -179,7 +179,14 @@ CASES = [
         UNDECIDED,
         "depends on u: a set",
     ),
-    ("falling", small("Falling", lambda x, u, k: (0.6 * x[0] - 0.5 * u,)), law(), {"trials": 3}, UNDECIDED, "-0.5"),
+    (
+        "falling",
+        small("Falling", lambda x, u, k: (0.6 * x[0] - 0.5 * u,)),
+        law(),
+        {"trials": 3},
+        REFUTED,
+        "never falls",
+    ),
     (
         "dead at the first sample",
         small("Dead", lambda x, u, k: (0.6 * x[0] + 0.1 * k * u,)),
@@ -494,3 +501,26 @@ def test_a_step_that_the_proof_excludes_is_seen_at_the_first_sample():
             assert (found.margin >= 0) is held and found.tries == 3
     assert limit.held_at_first_sample(np.array([1e-17, 2e-17]), gain, bounds, 1.0).margin >= 0  # rounding, no more
     assert limit.held_at_first_sample(np.array([1.0]), gain, bounds, 1.0).tries == 0
+
+
+@pytest.mark.parametrize(
+    ("gain", "bounds", "errors", "refuted"),
+    [
+        (LearningGain(2.1, 2.1), (1.0, 1.0), [0.3], True),
+        (LearningGain(1.9, 2.1), (1.0, 1.0), [0.3], False),  # some l brings it nearer
+        (LearningGain(2.1, 2.5), (0.5, 1.0), [0.3], False),  # some slope does
+        (LearningGain(0.0, 1.0), (-2.0, -0.5), [0.3], True),
+        (LearningGain(0.0, 1.0), (-2.0, 0.0), [0.3], True),
+        (LearningGain(0.0, 1.0), (-2.0, 0.1), [0.3], False),
+        (LearningGain(-1.0, 1.0), (-2.0, -0.5), [0.3], False),
+        (LearningGain(2.1, 2.1), (1.0, 1.0), [0.0], False),  # there was no error to begin with
+        (LearningGain(2.1, 2.1), (1.0, np.inf), [0.3], False),
+        (LearningGain(2.1, 2.1), (1.0, 1.0), [], False),
+    ],
+)
+def test_an_error_that_never_falls_refutes_the_limit(gain, bounds, errors, refuted):
+    found = limit.never_nearer(gain, bounds, np.array(errors))
+    assert (found is not None) is refuted
+    if found is not None:  # plain steps with the ends of gain and slope
+        assert found.standing is REFUTED
+        assert all(abs(1 - step * b) >= 1 for step in gain for b in bounds)

@@ -156,6 +156,31 @@ def test_assumptions_along_trials(name, plant, a2, lifted, a4, lemma):
     holds(judged(d, "lemma1"), lemma)
 
 
+def test_an_input_that_is_remembered_for_one_sample_leaves_no_bound():
+    """The increment y(k+1) - y(k) of y(k+1) = 2 u(k) is moved by u(k-1), and by no input before."""
+    law = Increment(force_unit=1.0, lam=1.0, mu=1.0, initial_input=0.3)
+    d = Dossier(campaign(STATIC, law), "law")
+    found = judged(d, "A2.printed")
+    holds(found, REFUTED)
+    assert found.witness["earlier_sample"] == found.witness["sample"] - 1
+    holds(judged(d, "lemma1"), REFUTED)
+
+
+@pytest.mark.parametrize("at", [0.35, 5.0])
+def test_a_jump_with_the_input_leaves_no_bound(at):
+    """Without memory the ratio is bounded but across a jump: REFUTED where trials came to it, and nowhere else."""
+    plant = small("Jumping", lambda x, u, k: (2 * u + ca.if_else(u > at, 0.2, 0.0),))
+    d = Dossier(campaign(plant), "law")
+    met = d.hull["u"][0] < at < d.hull["u"][1]
+    assert met == (at < 1)
+    for name in ("A2.printed", "lemma1"):
+        found = judged(d, name)
+        holds(found, REFUTED if met else PROVED)
+        if met:
+            holds(judged(d, "A2.lifted"), UNDECIDED)
+            assert found.margin == pytest.approx(-0.2, abs=1e-5) and found.replayed == pytest.approx(-0.2, abs=1e-6)
+
+
 def _replay_unbounded_ratio(ran, witness):
     """Run both input sequences of the witness with plain numbers and compare the ratios."""
     plant, trial = ran.study.plant_that_runs, witness["trial"]
