@@ -136,7 +136,7 @@ def vanishing_difference(plant: Plant, evidence: Evidence, steps: int = 12) -> V
     base = learned_signal(outputs, evidence.increment)[k + degree]
     rounding = 1e3 * float(np.finfo(float).eps * np.abs(outputs).max())
     for j in dict.fromkeys((max(0, k - max(1, k // 2)), max(0, k - 1))):
-        sizes, ratios = [], []
+        sizes, ratios = list[float](), list[float]()
         for step in range(steps):
             other = plan.copy()
             other[j] += kept

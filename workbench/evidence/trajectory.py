@@ -127,7 +127,7 @@ class Lineariser:
         found = Linearisation(
             a.reshape(nx, n + 1, nx).transpose(1, 0, 2)[:n].copy(), b.T[:n].copy(), c.reshape(1, n + 1, nx)[0].copy()
         )
-        gone = np.isnan(x).any(axis=0)
+        gone = np.asarray(np.isnan(x).any(axis=0))
         for value in found:
             value[gone[: len(value)]] = np.nan
         return found
