@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from soundness.ask import Answer, answers, asked, without_a_compiler
 from soundness.curves import Numbers, Symbols
-from soundness.families import FAMILIES, drawn
+from soundness.families import FAMILIES, FRESH, drawn
 from soundness.page import PAGE, left_open, page, shares
 from soundness.table import percent, tally
 
@@ -42,6 +42,13 @@ def right(found: list[Answer]) -> None:
 def test_no_verdict_is_false_and_none_falls_silent(slice_of_cases):
     right(slice_of_cases)
     assert {one.family for one in slice_of_cases} == {drawn(i).family for i in range(len(FAMILIES))}
+
+
+def test_a_fresh_kind_of_plant_gets_no_false_verdict():
+    with without_a_compiler():
+        found = [one for n in range(5) for make in FRESH for one in answers(n, make(np.random.default_rng([5, n + 5])))]
+    assert not [one for one in found if one.false or one.claim == "broke down"]
+    assert not [one for one in found if "see its log" in one.said]
 
 
 @pytest.mark.slow

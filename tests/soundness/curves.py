@@ -186,3 +186,24 @@ def cut(inner: Curve, low: float, high: float) -> Curve:
         kinks=(*inner.kinks, low, high),
         jumps=inner.jumps,
     )
+
+
+def clutch(b: float, bite: float, full: float, slip: float) -> Curve:
+    """A clutch's torque: nothing within a dead zone, a soft bite, then b v, and a part ``slip`` that always drags.
+
+    b (v - v kept in [-bite, bite]) tanh(|v|/full) + slip v: kinks where it bites, smooth elsewhere.
+    """
+
+    def value(m: Any, v: Any) -> Any:
+        beyond = v - m.fmin(m.fmax(v, -bite), bite)
+        return b * beyond * m.tanh(m.fabs(v) / full) + slip * v
+
+    def slope(v: Any) -> Any:
+        beyond, outside = v - np.clip(v, -bite, bite), np.abs(v) > bite
+        soft = np.tanh(np.abs(v) / full)
+        return b * (outside * soft + beyond * np.sign(v) * (1 - soft**2) / full) + slip + 0.0 * v
+
+    def turns(low: float, high: float) -> Sequence[float]:
+        return [float(one) for one in np.linspace(low, high, 201)] if high > low else ()
+
+    return Curve(value=value, slope=slope, turns=turns, kinks=(-bite, bite))

@@ -296,6 +296,18 @@ def bounded(rng: Rng) -> Case:
     return replace(made, limits={"x0": (-high, high), "u": (None, float(rng.uniform(0.2, 3.0)))})
 
 
+def clutch(rng: Rng) -> Case:
+    """A clutch that bites beyond a dead zone, in which it drags or lets go, on a shaft with a kinked friction.
+
+    It was added last, and nothing in the program was looked at for its sake.
+    """
+    slip = float(rng.choice([0.0, 0.05, 0.4]))
+    drive = curves.clutch(1.0, abs(inside(rng)), float(rng.uniform(0.2, 1.0)), slip)
+    made = chain(rng, drive=drive)
+    friction = curves.bent(0.0, float(rng.uniform(-0.2, 0.0)), inside(rng))
+    return case(rng, "clutch", replace(made, drift=friction, row=made.states - 1))
+
+
 FAMILIES: tuple[Family, ...] = (
     linear, integrator, memoryless, memoryless_jump, bent_in_x, gain_by_x, cubic, sine, turning, falling, kink_in_x,
     kink_in_u, jump_in_x, gain_jumps, jump_in_u, jump_in_k, periodic, changing_sign, late_2, late_3, late_bent,
@@ -303,6 +315,9 @@ FAMILIES: tuple[Family, ...] = (
     guarded_division, table_in_x, table_in_u, pole_away, pole_met, root_away, scattered, elsewhere, changing, clipped,
     two_channels, bounded,
 )  # fmt: skip
+
+FRESH: tuple[Family, ...] = (clutch,)
+"""Kinds of plants that came after the program was made to decide the others."""
 
 
 def drawn(number: int, seed: int = 0) -> Case:

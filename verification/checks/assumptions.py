@@ -182,8 +182,7 @@ def lipschitz_lifted(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box:
             bound=float(np.nextafter(total, np.inf)),
             bound_unit=unit,
             witness=witness,
-            method=f"row sums of |G| by intervals for {described(plant, box)}; p over the box is "
-            f"{total / p:.3g} times that along the last trial's plan, {p:.4g}" + _loose(total, p),
+            method=f"row sums of |G| by intervals for {described(plant, box)}; {_beside(total, p)}",
         )
     if not np.isfinite(p):
         return undecided("the row sums along the last trial's plan are not finite")
@@ -204,9 +203,12 @@ def lipschitz_lifted(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box:
     )
 
 
-def _loose(total: float, along: float) -> str:
-    """Return a warning where a bound over the box is true but says little."""
-    return ": true, but too loose to be of use over so many samples" if total > LOOSE * along else ""
+def _beside(total: float, along: float) -> str:
+    """Return how a bound over the box stands beside that along the last trial's plan, and whether it says little."""
+    if not along > 0:
+        return f"along the last trial's plan p is {along:.4g}, for no input moves anything there"
+    loose = ": true, but too loose to be of use over so many samples" if total > LOOSE * along else ""
+    return f"p over the box is {total / along:.3g} times that along the last trial's plan, {along:.4g}{loose}"
 
 
 def lifted_along(plant: Plant, evidence: Evidence, trial: int = -1) -> Lifted:
