@@ -39,7 +39,7 @@ SHARE = re.compile(r"^\| ([^|]+) \| (?:(\d+) % of \d+|-) \| (?:(\d+) % of \d+|-)
 
 
 def page(found: Tally, seed: int) -> str:
-    """Return the page."""
+    """Return the page, with the reason why verdicts are left open by family, else by claim."""
     head = ABOUT.format(
         cases=found.cases,
         seed=seed,

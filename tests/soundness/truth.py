@@ -614,7 +614,8 @@ def truth(known: Known, claim: str) -> Truth:
     if claim not in CLAIMS:
         return UNKNOWN
     holds, due, why = CLAIMS[claim](known)
-    return Truth(None if holds is None else bool(holds), bool(due), why)
+    ran = len(known.run.u) > 1 or claim in ("does_not_diverge", "error_falls")
+    return Truth(None if holds is None else bool(holds), bool(due) and ran, why)
 
 
 __all__: Sequence[str] = ("CLAIMS", "Known", "Truth", "truth")
