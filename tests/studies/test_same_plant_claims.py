@@ -115,7 +115,7 @@ def test_claims_follow_from_what_laws_declare_whatever_they_are_called():
     done = compare(dataclasses.replace(SMALL, controllers=own), [*own], ["budget=1", "trials=2"], show_progress=False)
     names = {(v.claim.split(".", 1)[1], v.controller) for v in verify(done, show_progress=False).verdicts}
     assert names == {
-        *((claim, name) for claim in ("unsaturated", "does_not_diverge") for name in own),
+        *((claim, name) for claim in ("unsaturated", "does_not_diverge", "conditioning") for name in own),
         ("stable_loop", "one"),
         ("stable_loop", "two"),
         ("f_continuous", "two"),

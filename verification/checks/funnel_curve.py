@@ -26,6 +26,7 @@ from verification.checks.funnel import Funnel, Maker, Open, parts_of
 from verification.enclosure.recursion import Carried
 from workbench.contracts.claim import Range
 from workbench.contracts.finding import Finding, Grounds, undecided
+from workbench.contracts.number import after_number
 
 SPARE = 1e-12
 """More than what a sum of squares rounds, as a share of it."""
@@ -132,13 +133,14 @@ def falls(found: Curve, unit: str) -> Finding:
         "last_sample": found.last,
         "final_bound": found.final,
     }
-    goes = "" if found.final is None else f"; as trials go on it goes below {found.final:.4g} {unit}"
+    of = after_number(unit)
+    goes = "" if found.final is None else f"; as trials go on it goes below {found.final:.4g}{of}"
     each = f"{trials} trials, once each"
     if found.alike is not None and found.alike < trials:
         each = f"the first {found.alike} of {trials} trials, once each, and through all later ones at once"
     words = (
         f"sets carried through {each}: over samples 1 to {found.last}, which every trial reaches, "
-        f"the mean square error is at most {first:.4g} {unit} in the first trial and {end:.4g} {unit} in trial "
+        f"the mean square error is at most {first:.4g}{of} in the first trial and {end:.4g}{of} in trial "
         f"{trials}{goes}"
     )
     if not first > end:

@@ -11,6 +11,7 @@ from verification.theorems import safe_words
 from verification.theorems.dossier import Dossier
 from workbench.contracts.examination import Table
 from workbench.contracts.finding import Standing
+from workbench.contracts.number import after_number
 from workbench.contracts.verdict import Verdict
 
 BROKEN = {
@@ -117,8 +118,8 @@ def _shared(mine: Mapping[str, Mapping[str, Verdict]]) -> list[str]:
 
 
 def _sentences(d: Dossier, own: Mapping[str, Verdict], repaired: Sequence[str]) -> list[str]:
-    e, unit, broken = d.evidence, d.mse_unit.replace("^2", "²"), _broken(own)
-    text = [f"{d.controller}: the MSE went from {d.mse[0]:.4g} to {d.mse[-1]:.4g} {unit} in {d.mse.size} trials."]
+    e, unit, broken = d.evidence, after_number(d.mse_unit.replace("^2", "²")), _broken(own)
+    text = [f"{d.controller}: the MSE went from {d.mse[0]:.4g} to {d.mse[-1]:.4g}{unit} in {d.mse.size} trials."]
     ratio = e.relative_ratio()
     ratio = ratio[np.isfinite(ratio)]
     if broken and ratio.size:

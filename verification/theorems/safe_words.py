@@ -13,6 +13,7 @@ from verification.theorems.dossier import Dossier
 from verification.theorems.funnel import bands, ends, words_of_scope
 from workbench.contracts.examination import Table
 from workbench.contracts.finding import Standing
+from workbench.contracts.number import after_number
 from workbench.contracts.verdict import Verdict
 
 READ_OFF = ("increment_funnel", "increment_limit", "learning_curve")
@@ -101,7 +102,7 @@ def _sentences(d: Dossier, own: Mapping[str, Verdict]) -> list[str]:
 
 
 def _curve(d: Dossier, own: Mapping[str, Verdict]) -> list[str]:
-    found, unit = own.get("learning_curve"), d.mse_unit.replace("^2", "²")
+    found, unit = own.get("learning_curve"), after_number(d.mse_unit.replace("^2", "²"))
     if found is None:
         return []
     told = found.witness or {}
@@ -109,16 +110,16 @@ def _curve(d: Dossier, own: Mapping[str, Verdict]) -> list[str]:
     if not isinstance(bounds, Sequence):
         return [f"How its error falls from trial to trial was not bounded: {found.method}."]
     over = f"over samples 1 to {last}, which every trial reaches"
-    goes = f", and below {float(final):.3g} {unit} as trials go on" if isinstance(final, SupportsFloat) else ""
+    goes = f", and below {float(final):.3g}{unit} as trials go on" if isinstance(final, SupportsFloat) else ""
     if found.standing is Standing.PROVED:
         return [
-            f"Its mean square error {over}, is below {float(bounds[0]):.4g} {unit} in the first trial, below "
-            f"{float(bounds[-1]):.3g} {unit} in trial {d.study.trials}{goes} (learning_curve)."
+            f"Its mean square error {over}, is below {float(bounds[0]):.4g}{unit} in the first trial, below "
+            f"{float(bounds[-1]):.3g}{unit} in trial {d.study.trials}{goes} (learning_curve)."
         ]
     return [
         f"That its error falls is not shown (learning_curve is {found.standing}): {over}, its mean square error is "
-        f"below {float(bounds[-1]):.4g} {unit} in trial {d.study.trials}, and in the first below "
-        f"{float(bounds[0]):.4g} {unit}."
+        f"below {float(bounds[-1]):.4g}{unit} in trial {d.study.trials}, and in the first below "
+        f"{float(bounds[0]):.4g}{unit}."
     ]
 
 

@@ -227,7 +227,7 @@ def test_what_a_study_of_ones_own_expects(tmp_path: Path, what: str) -> None:
     (tmp_path / "own.py").write_text(own.replace("study = Study(", f"{claiming}\nstudy = Study("))
     # of the claims of learning laws only this study's own is looked at here
     bare = "from verification.theorems import learning; from verification.decide import verify as v; "
-    bare += "from workbench.contracts.examination import Examination as E; v.outcomes = lambda campaign: []; "
+    bare += "from workbench.contracts.examination import Examination as E; v.outcomes = lambda *told: []; "
     bare += "learning.examine = lambda campaign, full: E(claims=[], conclude=lambda _: []); "
     arguments = [sys.executable, "-c", f"{bare}from workbench import cli; cli.main()"]
     arguments += ["verify", "own.py", "--strict", "--case", "default"]
