@@ -21,7 +21,7 @@ A case has to be decided where all that a claim asks is met by construction, and
 rounding decides. A true one is decided as PROVED (SUPPORTED where a claim is about what was run), a false one as
 REFUTED. A test holds what is decided: where this page does not say otherwise, all are.
 """
-GUARDED = "a condition that guards a root or a quotient does not narrow its branch"
+GUARDED = "a guard that is undecided on a set leaves no slope there"
 TABLE = "a table is read as switches, whose sides are not seen to agree"
 WHY: Mapping[str, str] = {
     "guarded root in x": GUARDED,
