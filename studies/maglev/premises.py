@@ -24,6 +24,8 @@ class Premises:
             "A period begins where the last one ended.",
             PAPER,
             lambda: None if study.continues else "every period begins anew, so S jumps between periods",
+            facts=lambda: {"a trial goes on where the last one ended": (int(study.continues), "")},
+            holds=[("=", "a trial goes on where the last one ended", 1)],
         )
         self.whole = settled.whole_trials(study, PAPER)
 
@@ -41,7 +43,12 @@ class Premises:
             return f"the period that the law assumes is wrong by {late} samples" if late else None
 
         return settled.settled(
-            "maglev.premise.period", "The law knows the period.", f"{PAPER}, (13)", why, controller=name
+            "maglev.premise.period",
+            "The law knows the period.",
+            f"{PAPER}, (13)",
+            why,
+            facts=lambda: {"samples by which the period is wrong": (self.evidence.learner(name).late, "")},
+            controller=name,
         )
 
     def _model(self, name: str) -> Claim:
@@ -54,5 +61,6 @@ class Premises:
             "The law knows the train's mass and running resistance.",
             f"{PAPER}, (12)",
             why,
+            facts=lambda: {"settings of the model that are not the train's": (int(why() is not None), "")},
             controller=name,
         )

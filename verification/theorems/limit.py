@@ -176,6 +176,9 @@ def _shared_premises(d: Dossier, over: Callable[[], Box] | None = None) -> Seque
             "The first plan is made of finite numbers.",
             OURS,
             partial(_first_plan, d),
+            facts=lambda: {
+                "samples at which the first plan is no finite number": (int(_first_plan(d) is not None), "")
+            },
             controller=d.controller,
         ),
     )

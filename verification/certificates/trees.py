@@ -1,0 +1,79 @@
+"""Trees of splits that show a bound: sought with the checker's own arithmetic, so that what is found is accepted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from verification.checker.bounds import SIDES, Coordinate, Quantity, keeps
+from verification.checker.graph import Box
+from verification.checker.interval import Span
+from workbench.contracts.certificate import Json
+
+MOST = 20_000
+"""Pieces that a tree may be sought through."""
+METHODS = ("v", "m", "p")
+Leaf = Callable[[Box], str | None]
+"""Returns the method by which what is claimed is shown on a piece, or None."""
+
+
+def bounded(quantity: Quantity, side: str, bound: float) -> Leaf:
+    """Return what looks at a piece for a bound."""
+    low = SIDES[side][0]
+
+    def leaf(piece: Box) -> str | None:
+        return next((one for one in METHODS if keeps(quantity.on(piece, one, low=low), side, bound)), None)
+
+    return leaf
+
+
+def continuous(quantity: Quantity) -> Leaf:
+    """Return what looks at a piece for continuity."""
+    return lambda piece: "p" if quantity.continuous(piece) else None
+
+
+def tree(quantity: Quantity, box: Sequence[Coordinate], leaf: Leaf, most: int = MOST) -> list[Json] | None:
+    """Return the tree in preorder, or None where none was found within ``most`` pieces.
+
+    A piece that is not shown is cut in its middle, along the coordinate over which what is asked varies most.
+    """
+    found: list[Json] = []
+    stack: list[tuple[Span, ...]] = [tuple(one.span for one in box)]
+    for _ in range(most):
+        if not stack:
+            return found
+        piece = stack.pop()
+        method = leaf(piece)
+        if method is not None:
+            found.append(method)
+            continue
+        cut = _cut(quantity, box, piece)
+        if cut is None:
+            return None
+        i, at, after = cut
+        found.append([i, at.hex()])
+        low, high = piece[i]
+        stack += [(*piece[:i], (after, high), *piece[i + 1 :]), (*piece[:i], (low, at), *piece[i + 1 :])]
+    return None
+
+
+def _cut(quantity: Quantity, box: Sequence[Coordinate], piece: Sequence[Span]) -> tuple[int, float, float] | None:
+    """Return along which coordinate to cut a piece, where its lower part ends and where the upper one begins."""
+    best, most = None, -1.0
+    graph, goal = quantity.graph, quantity.goal
+    steep = {i: graph.slope(goal, i) for i in sorted(graph.depends[goal] | graph.depends[quantity.node])}
+    values = graph.enclose(graph.ancestors(steep.values()), piece, {})
+    for i, node in steep.items():
+        low, high = piece[i]
+        middle = low / 2 + high / 2
+        if box[i].whole:
+            middle = float(math.floor(middle))
+        if not (low <= middle < high) or (not box[i].whole and not low < middle):
+            continue
+        share = (high - low) / (box[i].span[1] - box[i].span[0])
+        span = values[node]
+        weight = math.inf if span is None else max(-span[0], span[1], 0.0) * (high - low)
+        rank = share * 1e300 if math.isinf(weight) else weight + share * 1e-9
+        if rank > most:
+            best, most = (i, middle, middle + 1 if box[i].whole else middle), rank
+    return best

@@ -1,0 +1,204 @@
+"""Bounds of values and slopes over a set, by a tree that cuts it into pieces.
+
+Each leaf of the tree has a method: ``p`` encloses what is asked on the piece; ``m`` first moves every coordinate in
+which it provably rises or falls to its worse end; ``v`` does that too, and for the others takes their middle c and adds
+the enclosed slope times (x - c).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+from verification.checker.graph import Box, Graph
+from verification.checker.interval import Known, Span, add, mul, outward
+from verification.checker.reading import need, number, record, rows, text, whole
+
+SIDES = {"above": (True, True), "at least": (True, False), "below": (False, True), "at most": (False, False)}
+
+
+class Coordinate(NamedTuple):
+    """A coordinate of a set."""
+
+    name: str
+    unit: str
+    span: Span
+    whole: bool
+
+    def __str__(self) -> str:
+        if self.whole:
+            return f"{self.name} in {{{self.span[0]:.0f}, ..., {self.span[1]:.0f}}}"
+        return f"{self.name} in [{self.span[0]!r}, {self.span[1]!r}] {self.unit}".rstrip()
+
+
+class Shown(NamedTuple):
+    """A bound that holds: of what (``name``, row, column), its slope along what, which side, and the number."""
+
+    of: tuple[str, int, int]
+    by: str | None
+    side: str
+    bound: float
+
+    @property
+    def name(self) -> str:
+        """What it is a bound of, and which: ``d y[0,0] / d force at least``."""
+        what = f"{self.of[0]}[{self.of[1]},{self.of[2]}]"
+        return f"{what if self.by is None else f'd {what} / d {self.by}'} {self.side}"
+
+
+def read_set(given: object, graph: Graph) -> list[Coordinate]:
+    """Return a set that names the coordinates of a graph in their order; none is empty."""
+    found = []
+    for one, label in zip(rows(given, len(graph.coordinates)), graph.coordinates, strict=True):
+        name, unit, low, high, is_whole = record(one, "name", "unit", "low", "high", "whole")
+        span = number(low), number(high)
+        need(name == label, f"a set must name the coordinates of its graph, {label!r} here, got {name!r:.40}")
+        need(span[0] <= span[1], f"a set must not be empty, {name} has {span}")
+        need(type(is_whole) is bool, "a coordinate must say whether it is whole")
+        need(
+            not is_whole or (span[0].is_integer() and span[1].is_integer()), f"{name} must have whole ends, got {span}"
+        )
+        found.append(Coordinate(name, text(unit), span, is_whole))
+    return found
+
+
+class Quantity:
+    """A value or a slope of a graph, and what is asked of it."""
+
+    def __init__(self, graph: Graph, node: int, along: int | None, wholes: Sequence[int] = ()) -> None:
+        self.graph, self.node, self.along = graph, node, along
+        self.goal = node if along is None else graph.slope(node, along)
+        self._plain = graph.ancestors({node, self.goal})
+        self._again = graph.ancestors({self.goal})
+        self._steep: dict[int, int] | None = None
+        self._full: list[int] = []
+        self._wholes = frozenset(wholes)
+
+    def on(self, box: Box, method: str, *, low: bool) -> Known:
+        """Return an interval whose low (or high) end bounds the quantity on a box, or None where it has none."""
+        taken: dict[int, int | None] = {}
+        if method == "p":
+            values = self.graph.enclose(self._plain, box, taken)
+            return None if values[self.node] is None else values[self.goal]
+        self._sloped()
+        values = self.graph.enclose(self._full, box, taken)
+        if values[self.node] is None or values[self.goal] is None:
+            return None
+        reduced: list[Span] = list(box)
+        change: Known = (0.0, 0.0)
+        for i, node in (self._steep or {}).items():
+            (start, end), span = box[i], values[node]
+            if start == end or span is None:
+                continue
+            if span[0] >= 0 or span[1] <= 0:
+                worse = start if (span[0] >= 0) == low else end
+                reduced[i] = (worse, worse)
+            elif method == "v":
+                middle = min(max(start / 2 + end / 2, start), end)
+                reduced[i] = (middle, middle)
+                off = outward(start - middle, end - middle)
+                moved = None if off is None else mul(span, off)
+                change = None if change is None or moved is None else add(change, moved)
+        kept: dict[int, int | None] = {k: branch for k, branch in taken.items() if branch is not None}
+        at = self.graph.enclose(self._again, reduced, kept)[self.goal]
+        return None if at is None or change is None else add(at, change)
+
+    def _sloped(self) -> None:
+        if self._steep is None:
+            self._steep = {i: self.graph.slope(self.goal, i) for i in sorted(self.graph.depends[self.goal])}
+            self._full = self.graph.ancestors({self.node, self.goal, *self._steep.values()})
+
+    def continuous(self, box: Box) -> bool:
+        """Tell whether the value exists and is continuous on a box; of a slope: the derivative does and is.
+
+        A slope is a derivative where no kink of the value along the coordinate meets the box: whichever of two
+        arguments is larger must be so with room to spare.
+        """
+        self._sloped()
+        taken: dict[int, int | None] = {}
+        values = self.graph.enclose(self._full, box, taken)
+        if values[self.node] is None or values[self.goal] is None:
+            return False
+        if any(values[slope] is None for i, slope in (self._steep or {}).items() if i not in self._wholes):
+            return False
+        return self.along is None or not any(self._kinks(k, values) for k in self._again)
+
+    def _kinks(self, k: int, values: dict[int, Known]) -> bool:
+        op, *args = self.graph.nodes[k]
+        if op not in ("pick", "pick!"):
+            return False
+        a, b = (values[arg] for arg in args[:2])
+        return a is None or b is None or not (a[0] > b[1] or a[1] < b[0])
+
+
+def keeps(span: Known, side: str, bound: float) -> bool:
+    """Tell whether what is in an interval keeps a bound."""
+    low, strict = SIDES[side]
+    if span is None:
+        return False
+    return (span[0] > bound if strict else span[0] >= bound) if low else span[1] < bound if strict else span[1] <= bound
+
+
+def walk(tree: object, coordinates: Sequence[Coordinate], leaf: Callable[[Box, str], bool]) -> int:
+    """Walk a tree that is given in preorder, looking at every leaf; return how many there are."""
+    stack, leaves = [tuple(one.span for one in coordinates)], 0
+    for token in rows(tree):
+        need(stack, "the tree goes on behind its end")
+        piece = stack.pop()
+        if isinstance(token, str):
+            need(token in ("p", "m", "v"), f"a leaf must have the method p, m or v, got {token!r:.20}")
+            need(leaf(piece, token), f"what is claimed is not shown on the piece {piece} by the method {token}")
+            leaves += 1
+            continue
+        i, at = rows(token, 2)
+        i, at = whole(i, 0, len(piece) - 1), number(at)
+        low, high = piece[i]
+        need(low <= at <= high, f"a piece must be cut within its ends, {low} to {high}, got {at}")
+        after = at
+        if coordinates[i].whole:
+            need(at.is_integer() and at < high, f"whole numbers must be cut at one of them below {high}, got {at}")
+            after = at + 1
+        stack += [(*piece[:i], (after, high), *piece[i + 1 :]), (*piece[:i], (low, at), *piece[i + 1 :])]
+    need(not stack, "the tree must cover the set")
+    return leaves
+
+
+def check(statement: object, proof: object, graph: Graph) -> tuple[str, list[Shown | None]]:
+    """Check bounds; return the sentence and what is shown, None where that is continuity."""
+    given, claims = record(statement, "set", "claims")
+    trees = rows(record(proof, "trees")[0], len(rows(claims)))
+    need(claims, "there must be a claim")
+    box = read_set(given, graph)
+    wholes = [i for i, one in enumerate(box) if one.whole]
+    found, said = list[Shown | None](), []
+    for claim, tree in zip(claims, trees, strict=True):
+        (name, row, column), by, side, bound = record(claim, "of", "by", "is", "bound")
+        of = (text(name), whole(row, 0, 10**6), whole(column, 0, 10**6))
+        need(of in graph.outputs, f"the graph must have what is spoken of, got {of}")
+        need(by is None or by in graph.coordinates, f"slopes must be along a coordinate, got {by!r:.40}")
+        along = None if by is None else graph.coordinates.index(by)
+        need(along is None or along not in wholes, f"there is no slope along whole numbers, got {by!r:.40}")
+        quantity = Quantity(graph, graph.outputs[of], along, wholes)
+        what = f"{of[0]}[{of[1]},{of[2]}]"
+        what = what if by is None else f"d {what} / d {by}"
+        if side == "continuous":
+            need(bound is None, "what is continuous has no bound")
+            walk(tree, box, partial(_continuous, quantity))
+            said.append(f"{what} exists and is continuous")
+            found.append(None)
+            continue
+        need(side in SIDES, f"a bound must be {', '.join(SIDES)} or continuous, got {side!r:.40}")
+        edge = number(bound)
+        walk(tree, box, partial(_keeps, quantity, side, edge))
+        said.append(f"{what} is {side} {edge!r}")
+        found.append(Shown(of, by, side, edge))
+    return f"For all {', '.join(map(str, box))}: {'; '.join(said)}.", found
+
+
+def _continuous(quantity: Quantity, piece: Box, method: str) -> bool:
+    return quantity.continuous(piece)
+
+
+def _keeps(quantity: Quantity, side: str, edge: float, piece: Box, method: str) -> bool:
+    return keeps(quantity.on(piece, method, low=SIDES[side][0]), side, edge)

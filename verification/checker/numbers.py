@@ -1,0 +1,78 @@
+"""Statements about numbers alone, in rational arithmetic: settings, gains, limits, and theorems about what is shown."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from flint import fmpq
+
+from verification.checker.reading import Rejected, exact, need, record, rows, text
+
+Facts = Mapping[str, fmpq]
+_MADE: Mapping[str, Callable[[fmpq, fmpq], fmpq]] = {
+    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv, "min": min, "max": max
+}  # fmt: skip
+_COMPARED: Mapping[str, Callable[[fmpq, fmpq], bool]] = {
+    "<": operator.lt, "<=": operator.le, "=": operator.eq, ">": operator.gt, ">=": operator.ge
+}  # fmt: skip
+
+
+def value(given: object, facts: Facts, depth: int = 0) -> tuple[fmpq, str]:
+    """Return the value of a formula, and how it is written: a fact's name, a number, or ``[operation, a, b]``."""
+    need(depth < 60, "a formula is nested too deep")
+    if isinstance(given, str):
+        return (facts[given], given) if given in facts else (exact(given), given)
+    op, a, b = rows(given, 3)
+    need(op in _MADE, f"a formula must be made of {', '.join(_MADE)}, got {op!r:.20}")
+    (left, of_left), (right, of_right) = value(a, facts, depth + 1), value(b, facts, depth + 1)
+    need(op != "/" or right != 0, "a formula divides by 0")
+    return _MADE[op](left, right), f"({of_left} {op} {of_right})"
+
+
+def related(relations: object, facts: Facts) -> str:
+    """Check relations ``[sign, left, right]``, of which there is one at least, and return how they are written."""
+    said = []
+    for relation in rows(relations):
+        sign, left, right = rows(relation, 3)
+        need(sign in _COMPARED, f"a relation must be one of {', '.join(_COMPARED)}, got {sign!r:.20}")
+        (a, of_a), (b, of_b) = value(left, facts), value(right, facts)
+        need(_COMPARED[sign](a, b), f"{of_a} {sign} {of_b} is false: {a} and {b}"[:200])
+        said.append(f"{of_a} {sign} {of_b}")
+    need(said, "there must be a relation")
+    return "; ".join(said)
+
+
+def check(statement: object) -> tuple[str, Facts]:
+    """Check what settings say: relations between numbers that have names and units; return them too."""
+    says, given, relations = record(statement, "says", "facts", "holds")
+    need(isinstance(given, dict), "facts must be a record of numbers with their units")
+    pairs = {text(name): rows(one, 2) for name, one in sorted(given.items())}
+    facts = {name: exact(number) for name, (number, _) in pairs.items()}
+    named = ", ".join(f"{name} = {number} {text(unit)}".rstrip() for name, (number, unit) in pairs.items())
+    return f"{text(says)} For {related(relations, facts)}, with {named}.", facts
+
+
+class Theorem(NamedTuple):
+    """What a theorem says, the names of its premises, and relations between numbers that are shown of them."""
+
+    says: str
+    premises: tuple[str, ...]
+    relations: list[object]
+
+
+THEOREMS: Mapping[str, Theorem] = {}
+
+
+def check_theorem(statement: object, shown: Mapping[str, tuple[str, Facts]]) -> tuple[str, Facts]:
+    """Check that a theorem has its premises, each accepted, and that its relations hold between their numbers."""
+    name, _ = record(statement, "theorem", "premises")
+    if name not in THEOREMS:
+        raise Rejected(f"a theorem must be one of {', '.join(THEOREMS)}, got {name!r:.40}")
+    theorem = THEOREMS[name]
+    need(set(shown) == set(theorem.premises), f"{name} has the premises {', '.join(theorem.premises)}")
+    facts = {f"{of}: {key}": number for of, (_, numbers) in shown.items() for key, number in numbers.items()}
+    said = related(theorem.relations, facts)
+    rests = " ".join(f"({of}) {sentence}" for of, (sentence, _) in shown.items())
+    return f"{theorem.says} For {said}. It rests on: {rests}", facts
