@@ -24,6 +24,7 @@ from verification.enclosure.breaks import Break, break_at
 from verification.enclosure.interval import enclose
 from verification.enclosure.reach import Reach, Smoothness
 from verification.enclosure.smoothness import continuous_on
+from verification.enclosure.tables import with_tables
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.evidence.ppd import gain_unit, units_of
 from workbench.graph import Graph, Unreadable, call, read
@@ -128,7 +129,7 @@ def jumps_with_input(witness: Mapping[str, object]) -> bool:
 def jump_reached(plant: Plant, box: Box, degree: int = 1) -> str:
     """Return in words where y(k+d) jumps inside a box, along a state or an input, or an empty text."""
     try:
-        f = read(delayed_output(plant, degree))
+        f = with_tables(read(delayed_output(plant, degree)))
     except Unreadable:
         return ""
     inner = delayed_box(box, degree)

@@ -59,7 +59,7 @@ import numpy as np
 
 from models.array import Array
 from models.plant import Plant
-from verification.checks.delayed import delayed_box, delayed_step
+from verification.checks.delayed import delayed_box, delayed_graph
 from verification.checks.slope import slope
 from verification.enclosure import outward
 from verification.enclosure.box import Box
@@ -70,7 +70,7 @@ from workbench.contracts.claim import Held
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.contracts.law import AnyLaw, LearningGain
 from workbench.contracts.study import Study
-from workbench.graph import Unreadable, read
+from workbench.graph import Unreadable
 
 ROUNDED = 2.0**-40
 """What a trial may round at its first sample, of the magnitudes met there: 4096 units in the last place."""
@@ -87,7 +87,7 @@ def slope_everywhere(plant: Plant, horizon: int) -> Slope | str:
     if not outward.arithmetic_is_ieee():
         return "this process does not round to nearest or drops subnormals"
     try:
-        graph = slope(read(delayed_step(plant, 1)), "y", "u")
+        graph = slope(delayed_graph(plant, 1), "y", "u")
     except Unreadable as error:
         return str(error)
     found = rewritten(graph)
@@ -122,7 +122,7 @@ def not_continuous(plant: Plant, horizon: int, *, increment: bool = False, over:
     a domain anywhere; kinks do no harm. Or over a box that holds every trial.
     """
     try:
-        graph = read(delayed_step(plant, 1, increment=increment))
+        graph = delayed_graph(plant, 1, increment=increment)
     except Unreadable as error:
         return str(error)
     broken = breaks_somewhere(graph, {"k": (0.0, float(horizon - 1))})

@@ -4,7 +4,8 @@ CasADi computes with constants while it differentiates, in rounded arithmetic. H
 operations on the graph's own constants, so that every arithmetic gets it as exactly as that arithmetic can.
 
 At a kink the derivative is the mean of both sides for ``fmin`` and ``fmax``, zero for ``fabs`` and the right-hand
-one for a table; across a jump it is what it is beside the jump.
+one for a table; across a jump it is what it is beside the jump. Where a guard does not let a branch count, the slope
+of the branch does not count either, though it may have no value there.
 """
 
 from __future__ import annotations
@@ -51,7 +52,16 @@ def gradient(build: Builder, target: int) -> dict[int, int]:
     one = build.constant(1.0)
 
     def times(a: int, b: int) -> int:
+        if build.nodes[a].op == "if_else_zero":  # what a guard shuts out stays behind it
+            condition, inner = build.nodes[a].args
+            return build.operation("if_else_zero", condition, times(inner, b))
         return b if a == one else a if b == one else build.operation("mul", a, b)
+
+    def plus(a: int, b: int) -> int:
+        first, second = build.nodes[a], build.nodes[b]
+        if first.op == second.op == "if_else_zero" and first.args[0] == second.args[0]:
+            return build.operation("if_else_zero", first.args[0], plus(first.args[1], second.args[1]))
+        return build.operation("add", a, b)
 
     places = build.graph.ancestors([target]) if target < len(build.graph.nodes) else range(target + 1)
     through: dict[int, int] = {target: one}
@@ -59,7 +69,7 @@ def gradient(build: Builder, target: int) -> dict[int, int]:
 
     def reach(place: int, slope: int) -> None:
         known = through.get(place)
-        through[place] = slope if known is None else build.operation("add", known, slope)
+        through[place] = slope if known is None else plus(known, slope)
 
     for place in reversed(places):
         so_far = through.pop(place, None)
@@ -68,7 +78,7 @@ def gradient(build: Builder, target: int) -> dict[int, int]:
         node = build.nodes[place]
         if node.op == INPUT:
             known = result.get(node.which)
-            result[node.which] = so_far if known is None else build.operation("add", known, so_far)
+            result[node.which] = so_far if known is None else plus(known, so_far)
         elif node.op == "if_else_zero":
             reach(node.args[1], build.operation("if_else_zero", node.args[0], so_far))
         elif node.op == LOOKUP:
