@@ -325,7 +325,8 @@ def sign_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
         continuous = continuous_on(f, inner, along=("u",))
         if not continuous.proved:
             return undecided(
-                f"the output is not shown to be continuous along u, so a positive slope says little: {continuous.reason}"
+                "the output is not shown to be continuous along u, so a positive slope says little: "
+                f"{continuous.reason}"
             )
         return Finding(
             grounds=Grounds.ENCLOSURE,

@@ -80,7 +80,9 @@ def slope_bounds(
         found = ends(of, by, row, column)
         return max(abs(found.lower), abs(found.upper))
 
-    bounds = _unbounded(nx, f"the plant is not shown to be continuous, so slopes bound no difference: {continuous.reason}")
+    bounds = _unbounded(
+        nx, f"the plant is not shown to be continuous, so slopes bound no difference: {continuous.reason}"
+    )
     if along.proved:
         gain = ends("y", "u", 0, 0)
         steepest = [one for one in (gain.attained_min, gain.attained_max) if one is not None]
