@@ -12,7 +12,7 @@ from verification.enclosure.bounds import bound
 from verification.enclosure.box import Box
 from verification.enclosure.interval import enclose
 from verification.enclosure.pieces import along, quantities
-from verification.enclosure.smoothness import continuous_on
+from verification.enclosure.smoothness import breaks_somewhere, continuous_on
 from verification.enclosure.tables import with_tables
 from workbench.graph import Graph, read
 
@@ -66,6 +66,11 @@ def a_table_holds_both_of_its_sides():
 def a_guard_keeps_the_chain():
     found = bound(slope(spelt(ca.if_else(X > 0, ca.sin(-3 * X), 0)), "y", "x"), Box({"x": (0.1, 0.2)}))
     assert found.upper < 0
+
+
+def a_guard_that_lets_a_pole_in_is_broken():
+    assert breaks_somewhere(spelt(ca.if_else(X > -1, (X + 1) / X, 0)))
+    assert breaks_somewhere(spelt(1 / (X - 1e300))) and not breaks_somewhere(spelt(ca.if_else(X > 1, ca.log(X), 0)))
 
 
 SLIPS = (
@@ -124,5 +129,19 @@ SLIPS = (
         slipped='"if_else_zero", condition, inner)',
         causes="behind a guard the chain rule ends: a falling branch has a positive slope, A4.partial PROVED",
         check=a_guard_keeps_the_chain,
+    ),
+    Slip(
+        where="verification.enclosure.everywhere:ends",
+        stands="np.where(real, LARGEST, upper)",
+        slipped="np.where(real, 0.0, upper)",
+        causes="a pole to the right is out of reach of all real numbers: the limit of learning PROVED behind it",
+        check=a_guard_that_lets_a_pole_in_is_broken,
+    ),
+    Slip(
+        where="verification.enclosure.smoothness:_shut_out",
+        stands="return not bool(question.unclear(lower, upper).any())",
+        slipped="return bool(conditions)",
+        causes="whatever stands behind a guard is defined everywhere: the limit of learning PROVED past a pole",
+        check=a_guard_that_lets_a_pole_in_is_broken,
     ),
 )
