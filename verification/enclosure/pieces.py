@@ -127,23 +127,34 @@ def _roots(line: Line, low: Fraction | None, high: Fraction | None) -> Iterator[
             yield root
 
 
-def _together(
-    operands: Sequence[Pieces],
-    line: Callable[..., Line],
-    value: Callable[..., Fraction],
-    levels: Callable[..., tuple[Line, ...]] | None = None,
-) -> Pieces:
+LineOf = Callable[[Fraction, Sequence[Line]], Line]
+"""Of a number within a piece, and of the operands' lines there."""
+NumberOf = Callable[[Sequence[Fraction]], Fraction]
+LevelsOf = Callable[[Sequence[Line]], Sequence[Line]]
+Operation = Callable[[Sequence[Pieces]], Pieces]
+
+
+def _apart(lines: Sequence[Line]) -> Sequence[Line]:
+    """Return what is zero where one of the lines is."""
+    return lines
+
+
+def _together(line: LineOf, value: NumberOf, levels: LevelsOf | None = None) -> Operation:
     """Return an operation on pieces, which breaks where one of them does, or where one of its levels is zero."""
-    points = sorted({point for one in operands for point in one.points})
-    if levels is not None:
-        ends: list[Fraction | None] = [None, *points, None]
-        within = zip(pairwise(ends), *(one.parts(points)[0] for one in operands), strict=True)
-        roots = [root for (low, high), *pieces in within for one in levels(*pieces) for root in _roots(one, low, high)]
-        points = sorted({*points, *roots})
-    lines, values = zip(*(one.parts(points) for one in operands), strict=True)
-    inside = [_inside(points, i) for i in range(len(points) + 1)]
-    made = [line(at, *pieces) for at, *pieces in zip(inside, *lines, strict=True)]
-    return _joined(points, made, [value(*here) for here in zip(*values, strict=True)])
+
+    def operation(operands: Sequence[Pieces]) -> Pieces:
+        points = sorted({point for one in operands for point in one.points})
+        if levels is not None:
+            ends: list[Fraction | None] = [None, *points, None]
+            within = zip(pairwise(ends), *(one.parts(points)[0] for one in operands), strict=True)
+            found = [root for (low, high), *here in within for one in levels(here) for root in _roots(one, low, high)]
+            points = sorted({*points, *found})
+        lines, values = zip(*(one.parts(points) for one in operands), strict=True)
+        inside = [_inside(points, i) for i in range(len(points) + 1)]
+        made = [line(at, here) for at, *here in zip(inside, *lines, strict=True)]
+        return _joined(points, made, [value(here) for here in zip(*values, strict=True)])
+
+    return operation
 
 
 def _inside(points: Sequence[Fraction], i: int) -> Fraction:
@@ -159,11 +170,16 @@ def _number(value: Fraction | bool) -> Line:
     return Line(level=Fraction(value))
 
 
-def _difference(a: Line, b: Line) -> Line:
-    return a.plus(b.times(-_ONE))
+def _difference(pieces: Sequence[Line]) -> Line:
+    return pieces[0].plus(pieces[1].times(-_ONE))
 
 
-def _product(t: Fraction, a: Line, b: Line) -> Line:
+def _difference_alone(pieces: Sequence[Line]) -> Sequence[Line]:
+    return (_difference(pieces),)
+
+
+def _product(t: Fraction, pieces: Sequence[Line]) -> Line:
+    a, b = pieces
     if a.slope and b.slope:
         raise NotStraight("a product of two lines")
     if not a.slope and not b.slope:
@@ -176,79 +192,72 @@ def _product(t: Fraction, a: Line, b: Line) -> Line:
     return a.times(b.level) if a.slope else b.times(a.level)
 
 
-def _quotient(t: Fraction, a: Line, b: Line) -> Line:
+def _quotient(t: Fraction, pieces: Sequence[Line]) -> Line:
+    a, b = pieces
     if b.slope or not b.level:
         raise NotStraight("a quotient by more than a number")
     return a.times(1 / b.level)
 
 
-def _over(a: Fraction, b: Fraction) -> Fraction:
-    if not b:
+def _over(values: Sequence[Fraction]) -> Fraction:
+    if not values[1]:
         raise NotStraight("a quotient by zero")
-    return a / b
+    return values[0] / values[1]
 
 
-def _sign(x: Fraction) -> Fraction:
-    return Fraction((x > 0) - (x < 0))
+def _sign(values: Sequence[Fraction]) -> Fraction:
+    return Fraction((values[0] > 0) - (values[0] < 0))
 
 
-def _compared(holds: Callable[[Fraction, Fraction], bool]) -> Callable[..., Pieces]:
-    return lambda a, b: _together(
-        (a, b),
-        lambda t, p, q: _number(holds(p.at(t), q.at(t))),
-        lambda x, y: Fraction(holds(x, y)),
-        lambda p, q: (_difference(p, q),),
-    )
+def _times(factor: int) -> Operation:
+    return _together(lambda t, p: p[0].times(Fraction(factor)), lambda x: factor * x[0])
 
 
-def _chosen(first: Callable[[Fraction, Fraction], bool]) -> Callable[..., Pieces]:
-    return lambda a, b: _together(
-        (a, b),
-        lambda t, p, q: p if first(p.at(t), q.at(t)) else q,
-        lambda x, y: x if first(x, y) else y,
-        lambda p, q: (_difference(p, q),),
-    )
-
-
-def _truths(combined: Callable[..., bool]) -> Callable[..., Pieces]:
-    return lambda *operands: _together(
-        operands,
-        lambda t, *lines: _number(combined(*(bool(one.at(t)) for one in lines))),
-        lambda *values: Fraction(combined(*map(bool, values))),
-        lambda *lines: lines,
-    )
-
-
-def _gated(condition: Pieces, value: Pieces) -> Pieces:
+def _compared(holds: Callable[[Fraction, Fraction], bool]) -> Operation:
     return _together(
-        (condition, value),
-        lambda t, c, p: p if c.at(t) else Line(),
-        lambda c, x: x if c else _ZERO,
-        lambda c, p: (c,),
+        lambda t, p: _number(holds(p[0].at(t), p[1].at(t))), lambda x: Fraction(holds(x[0], x[1])), _difference_alone
     )
 
 
-_OPERATIONS: Mapping[str, Callable[..., Pieces]] = {
-    "assign": lambda a: a,
-    "add": lambda a, b: _together((a, b), lambda t, p, q: p.plus(q), lambda x, y: x + y),
-    "sub": lambda a, b: _together((a, b), lambda t, p, q: _difference(p, q), lambda x, y: x - y),
-    "neg": lambda a: _together((a,), lambda t, p: p.times(-_ONE), lambda x: -x),
-    "twice": lambda a: _together((a,), lambda t, p: p.times(Fraction(2)), lambda x: 2 * x),
-    "mul": lambda a, b: _together((a, b), _product, lambda x, y: x * y),
-    "div": lambda a, b: _together((a, b), _quotient, _over),
-    "fabs": lambda a: _together((a,), lambda t, p: p if p.at(t) >= 0 else p.times(-_ONE), abs, lambda p: (p,)),
-    "sign": lambda a: _together((a,), lambda t, p: _number(_sign(p.at(t))), _sign, lambda p: (p,)),
+def _chosen(first: Callable[[Fraction, Fraction], bool]) -> Operation:
+    return _together(
+        lambda t, p: p[0] if first(p[0].at(t), p[1].at(t)) else p[1],
+        lambda x: x[0] if first(x[0], x[1]) else x[1],
+        _difference_alone,
+    )
+
+
+def _truths(combined: Callable[[Sequence[bool]], bool]) -> Operation:
+    return _together(
+        lambda t, p: _number(combined([bool(one.at(t)) for one in p])),
+        lambda x: Fraction(combined([bool(one) for one in x])),
+        _apart,
+    )
+
+
+_OPERATIONS: Mapping[str, Operation] = {
+    "assign": lambda operands: operands[0],
+    "add": _together(lambda t, p: p[0].plus(p[1]), lambda x: x[0] + x[1]),
+    "sub": _together(lambda t, p: _difference(p), lambda x: x[0] - x[1]),
+    "neg": _times(-1),
+    "twice": _times(2),
+    "mul": _together(_product, lambda x: x[0] * x[1]),
+    "div": _together(_quotient, _over),
+    "fabs": _together(lambda t, p: p[0].times(_sign([p[0].at(t)]) or _ONE), lambda x: abs(x[0]), _apart),
+    "sign": _together(lambda t, p: _number(_sign([p[0].at(t)])), _sign, _apart),
     "fmin": _chosen(lambda x, y: x <= y),
     "fmax": _chosen(lambda x, y: x >= y),
     "lt": _compared(lambda x, y: x < y),
     "le": _compared(lambda x, y: x <= y),
     "eq": _compared(lambda x, y: x == y),
     "ne": _compared(lambda x, y: x != y),
-    "not": _truths(lambda a: not a),
-    "and": _truths(lambda a, b: a and b),
-    "or": _truths(lambda a, b: a or b),
-    "if_else_zero": _gated,
-}  # fmt: skip
+    "not": _truths(lambda held: not held[0]),
+    "and": _truths(all),
+    "or": _truths(any),
+    "if_else_zero": _together(
+        lambda t, p: p[1] if p[0].at(t) else Line(), lambda x: x[1] if x[0] else _ZERO, lambda p: p[:1]
+    ),
+}
 
 
 def quantities(graph: Graph) -> tuple[int, ...]:
@@ -274,7 +283,7 @@ def along(graph: Graph, quantity: int) -> dict[int, Pieces]:
         if k == quantity or not moving or len(held) < len(operands) or node.op not in _OPERATIONS:
             continue
         try:
-            known[k] = _OPERATIONS[node.op](*held)
+            known[k] = _OPERATIONS[node.op](held)
         except NotStraight:
             continue
     return known
