@@ -150,3 +150,42 @@ def test_a_table_of_many_points_is_read():
     grid = np.linspace(-3.1, 3.3, 60)
     f = with_tables(graph(table(x, grid.tolist(), np.sin(grid).tolist()) + u))
     assert len(f.tables) == 1 and len(f.tables[0].values) == 60 and continuous_on(f, BOX).proved
+
+
+def _drawn(rng: np.random.Generator, depth: int) -> ca.SX:
+    """Return pieces under comparisons, at random: tables, choices, sizes, sums and multiples of one another."""
+    number = float(rng.choice([0.1, 0.3, -0.7, 0.25, 1.0, -0.5, 0.45, 1e-3]))
+    if not depth:
+        return [x, x, u, ca.SX(number)][int(rng.integers(4))]
+    inner = _drawn(rng, depth - 1)
+    kind = int(rng.integers(8))
+    if kind == 0:
+        grid = np.unique(rng.choice([-1.1, -0.7, -0.3, 0.1, 0.3, 0.45, 0.9], 6))
+        return table(inner, grid.tolist(), rng.choice([0.1, 0.3, -0.7, 0.25], grid.size).tolist())
+    if kind == 1:
+        return IF(inner > number, 0.7 * (inner - number) + number * 0.3, 0.3 * inner)
+    if kind == 2:
+        return IF(inner > number, _drawn(rng, depth - 1), _drawn(rng, depth - 1))
+    others = (inner + _drawn(rng, depth - 1), number * inner, ca.fabs(inner), ca.fmax(inner, number), inner - 0.1 * x)
+    return others[kind - 3]
+
+
+def test_random_pieces_are_held_and_do_not_jump_where_that_is_proved():
+    """An oracle: the graph as it is written, in rationals, at breakpoints and beside them."""
+    rng, read_as_tables = np.random.default_rng(3), 0
+    for _ in range(150):
+        whole = graph(_drawn(rng, int(rng.integers(1, 4))))
+        found = with_tables(whole)
+        if not found.tables:
+            continue
+        read_as_tables += 1
+        numbers = [node.value for node in whole.nodes if node.op == "const" and abs(node.value) < 2]
+        continuous = continuous_on(found, BOX).proved
+        for at, given in rng.choice([*numbers, 0.123, -0.777], (6, 2)).tolist():
+            value = _value(whole, Fraction(at), Fraction(given))
+            held = enclose(found, Box({"x": (at, at), "u": (given, given)}))
+            assert Fraction(held.lower["y"][0, 0]) <= value <= Fraction(held.upper["y"][0, 0])
+            for side in (Fraction(-1, 10**30), Fraction(1, 10**30)):
+                for moved in ((Fraction(at) + side, Fraction(given)), (Fraction(at), Fraction(given) + side)):
+                    assert not continuous or abs(_value(whole, *moved) - value) < 1e-14
+    assert read_as_tables > 30
