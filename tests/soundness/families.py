@@ -233,7 +233,9 @@ def guarded_root_in_u(rng: Rng) -> Case:
 
 
 def guarded_division(rng: Rng) -> Case:
-    drift = curves.shared(0.0, float(rng.uniform(0.01, 0.05)), inside(rng), float(rng.uniform(0.2, 0.5)))
+    gain, place, reach = float(rng.uniform(0.01, 0.05)), inside(rng), float(rng.uniform(0.2, 0.5))
+    reach = round(64 * reach) / 64 if rng.random() < 0.7 else reach  # then both sides fit, else but for rounding
+    drift = curves.shared(0.0, gain, place, reach)
     return case(rng, "guarded division in x", chain(rng, drift=drift))
 
 

@@ -152,11 +152,17 @@ class Region:
     @property
     def smooth_in_u(self) -> bool:
         """Whether the derivative by the input exists and is continuous there: states may jump besides."""
+        scaled = self.of.scale is None or self.of.scale.unbroken(*self.x[0])
+        return self.unbroken_in_u and scaled and not Curve.meets(self.of.drive.kinks, *self.u)
+
+    @property
+    def unbroken_in_u(self) -> bool:
+        """Whether the equations are defined, and continuous in the input alone, with slopes by it that have a bound."""
         of = self.of
         low, high = self.x[of.row]
         valued = not Curve.meets(of.drift.poles, low, high) and low > of.drift.least
-        scaled = of.scale is None or of.scale.unbroken(*self.x[0])
-        return of.drive.unbroken(*self.u) and not Curve.meets(of.drive.kinks, *self.u) and scaled and valued
+        scaled = of.scale is None or (not Curve.meets(of.scale.poles, *self.x[0]) and self.x[0][0] > of.scale.least)
+        return of.drive.unbroken(*self.u) and valued and scaled
 
     def magnitudes(self) -> tuple[Array, Array]:
         """Return bounds of |dx(k+1)/dx(k)| and |dx(k+1)/du(k)| that are reached there, entry by entry."""

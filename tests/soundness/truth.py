@@ -130,7 +130,7 @@ class Known:
     def A4_partial(self) -> Truth:
         due = self.same_plant and self.scope
         box, hull = self.box.slope, self.hull.slope
-        if self.box.unbroken and box[0] > CLEAR * abs(box[1]):
+        if self.box.unbroken_in_u and box[0] > CLEAR * abs(box[1]):
             return Truth(True, due, "the least slope on the box is positive")
         met = hull[0] < -1e-4 * abs(hull[1]) or hull[1] < 0
         if self.hull.unbroken and met:
@@ -159,9 +159,9 @@ class Known:
         return Truth(True, len(self.run.u) >= 2, "the reset keeps the sign")
 
     def lambda_partial(self) -> Truth:
-        due = self.same_plant and self.scope and self.box.unbroken
+        due = self.same_plant and self.scope
         least = [(self.law.rho * max(abs(e) for e in one.slope)) ** 2 / 4 for one in (self.box, self.hull)]
-        if not self.box.unbroken:
+        if not self.box.unbroken_in_u:
             return UNKNOWN
         if self.law.lam > least[0] * (1 + 1e-3):
             return Truth(True, due, "lambda lies above the bound by the largest slope on the box")
@@ -414,7 +414,7 @@ class Known:
     def _continuous_everywhere(self) -> bool:
         of = self.chain
         parts = [of.drive, of.drift, *([of.scale] if of.scale is not None else [])]
-        return all(not one.jumps and not one.poles and one.least == -np.inf for one in parts)
+        return all(not one.jumps and not one.misses and not one.poles and one.least == -np.inf for one in parts)
 
     def _gain_fits(self, low: float, high: float) -> bool:
         least, most = self.law.ends

@@ -16,12 +16,13 @@ from scipy import stats
 from models.array import Array
 from models.plant import Plant
 from verification.checks import continuity
-from verification.checks.delayed import delayed_box, delayed_output, delayed_slope
+from verification.checks.delayed import delayed_box, delayed_graph, delayed_output, delayed_slope
 from verification.checks.domain import described
 from verification.checks.row_sums import SlopeBounds, off_diagonal
 from verification.enclosure.bounds import bound, prove_positive
 from verification.enclosure.box import Box
 from verification.enclosure.smoothness import continuous_on
+from verification.enclosure.tables import told
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.contracts.study import Study
 from workbench.evidence.lifted import Lifted
@@ -40,10 +41,8 @@ def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     goes to 0.
     """
     if not remembers(plant, evidence):
-        f, inner = (
-            delayed_output(plant, evidence.degree, increment=evidence.increment),
-            delayed_box(box, evidence.degree),
-        )
+        f = delayed_graph(plant, evidence.degree, increment=evidence.increment).only("y")
+        inner = delayed_box(box, evidence.degree)
         found = bound(delayed_slope(f), inner)
         ends = [found.lower, found.upper]
         if np.isfinite(ends).all() and continuous_on(f, inner).proved:
@@ -52,7 +51,8 @@ def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
                 holds=bool(np.isfinite(ends).all()),
                 bound=max(abs(found.lower), abs(found.upper)),
                 bound_unit=gain_unit(*units_of(plant)),
-                method=f"the output depends on no earlier input; p is the largest |df/du| for {described(plant, box)}",
+                method=f"the output depends on no earlier input; p is the largest |df/du| for {described(plant, box)}"
+                + told(f),
             )
         jump = continuity.continuous_slope(plant, box, evidence.degree)
         if continuity.jumps_with_input(jump.witness or {}) and jump.fails:
@@ -182,7 +182,7 @@ def lipschitz_lifted(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box:
             bound=float(np.nextafter(total, np.inf)),
             bound_unit=unit,
             witness=witness,
-            method=f"row sums of |G| by intervals for {described(plant, box)}; {_beside(total, p)}",
+            method=f"row sums of |G| by intervals for {described(plant, box)}; {_beside(total, p)}{slopes.told}",
         )
     if not np.isfinite(p):
         return undecided("the row sums along the last trial's plan are not finite")
@@ -313,21 +313,26 @@ def sign_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
 
 
 def sign_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
-    """A4 for the partial derivative: inf dy(k+d)/du(k) > 0 over the box."""
-    f, inner = delayed_output(plant, evidence.degree, increment=evidence.increment), delayed_box(box, evidence.degree)
+    """A4 for the partial derivative: inf dy(k+d)/du(k) > 0 over the box.
+
+    It speaks of one input while the state and all else are held, so the output has to be continuous along u alone.
+    """
+    f = delayed_graph(plant, evidence.degree, increment=evidence.increment).only("y")
+    inner = delayed_box(box, evidence.degree)
     found = prove_positive(delayed_slope(f), inner)
     place = f"dy(k+{evidence.degree})/du(k) by intervals for {described(plant, box)}"
     if found.standing == "proved":
-        continuous = continuous_on(f, inner)
+        continuous = continuous_on(f, inner, along=("u",))
         if not continuous.proved:
             return undecided(
-                f"the output is not shown to be continuous, so a positive slope says little: {continuous.reason}"
+                "the output is not shown to be continuous along u, so a positive slope says little: "
+                f"{continuous.reason}"
             )
         return Finding(
             grounds=Grounds.ENCLOSURE,
             margin=found.lower,
             unit=gain_unit(*units_of(plant)),
-            method=f"{place}; the margin is its lower bound",
+            method=f"{place}; the margin is its lower bound{told(f)}",
         )
     if found.standing == "refuted" and found.witness is not None:
         point = {name: value[0].ravel().tolist() for name, value in found.witness.point.items() if value[0].size}

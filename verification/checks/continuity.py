@@ -24,6 +24,8 @@ from verification.enclosure.breaks import Break, break_at
 from verification.enclosure.interval import enclose
 from verification.enclosure.reach import Reach, Smoothness
 from verification.enclosure.smoothness import continuous_on
+from verification.enclosure.switches import Switches
+from verification.enclosure.tables import with_tables
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.evidence.ppd import gain_unit, units_of
 from workbench.graph import Graph, Unreadable, call, read
@@ -58,7 +60,7 @@ def continuous_slope(plant: Plant, box: Box, degree: int = 1) -> Finding:
     for what, graph, along, found in asked:
         for reach in found.reaches if not found.proved else ():
             refuted = _jumps(plant, f, slopes, inner, reach, break_at(graph, inner, reach, along), what) or (
-                _has_no_end(plant, f, slopes, inner, reach)
+                _has_no_end(plant, f, slopes, inner, reach, what)
             )
             if refuted is not None:
                 return refuted
@@ -128,7 +130,7 @@ def jumps_with_input(witness: Mapping[str, object]) -> bool:
 def jump_reached(plant: Plant, box: Box, degree: int = 1) -> str:
     """Return in words where y(k+d) jumps inside a box, along a state or an input, or an empty text."""
     try:
-        f = read(delayed_output(plant, degree))
+        f = with_tables(read(delayed_output(plant, degree)))
     except Unreadable:
         return ""
     inner = delayed_box(box, degree)
@@ -140,12 +142,22 @@ def jump_reached(plant: Plant, box: Box, degree: int = 1) -> str:
     return ""
 
 
-def _has_no_end(plant: Plant, f: Graph, slopes: Graph, box: Box, reach: Reach) -> Finding | None:
+def _ends_finite(slopes: Graph, reach: Reach, at: dict[str, Array], what: str) -> bool:
+    """Tell whether df/du is finite at a point, and to both sides of the switch of df/du that was reached there."""
+    sides = [slopes]
+    if what != "f" and reach.operation.kind == "jump":
+        switches = Switches(slopes)
+        switch = switches.of(reach.operation.instruction)
+        sides += [] if switch is None else [switches.side(switch, sign) for sign in (-1, 1)]
+    return all(np.isfinite(call(side, at)["slope"][0, 0]) for side in sides)
+
+
+def _has_no_end(plant: Plant, f: Graph, slopes: Graph, box: Box, reach: Reach, what: str) -> Finding | None:
     """Return the refutation where f has no value at a point, or no finite slope."""
     if reach.reachable != "yes" or reach.point is None:
         return None
     at = _point(reach)
-    value, slope_there = float(call(f, at)["y"][0, 0]), float(call(slopes, at)["slope"][0, 0])
+    value = float(call(f, at)["y"][0, 0])
     if not np.isfinite(value) and enclose(f, reach.point).undecided is not None:
         return Finding(
             grounds=Grounds.ENCLOSURE,
@@ -154,7 +166,7 @@ def _has_no_end(plant: Plant, f: Graph, slopes: Graph, box: Box, reach: Reach) -
             method=f"f has no finite value at the point: it lies outside of the domain of {reach.operation.name} in "
             f"{reach.operation.expression}, so no derivative exists there",
         )
-    if np.isfinite(slope_there):
+    if _ends_finite(slopes, reach, at, what):
         return None
     for side in (1.0, -1.0):
         steps, quotients = _quotients(f, box, at, side)

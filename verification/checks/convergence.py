@@ -67,10 +67,10 @@ def lambda_unit(evidence: Evidence) -> str:
 
 def lambda_partial(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box: Box) -> Finding:
     """The lambda used exceeds (rho b)^2/4 with b = sup ds(k+d)/du(k) over the box."""
-    if slopes.reason:
-        return undecided(slopes.reason)
+    if slopes.gain_reason:
+        return undecided(slopes.gain_reason)
     b = max(abs(slopes.gain_low), abs(slopes.gain_high))
-    found = _compared(evidence, b, f"b by intervals for {described(plant, box)}", Grounds.ENCLOSURE)
+    found = _compared(evidence, b, f"b by intervals for {described(plant, box)}{slopes.told}", Grounds.ENCLOSURE)
     if not found.fails or slopes.steepest is None:
         return found
     met = max(slopes.steepest.lower, -slopes.steepest.upper)

@@ -14,12 +14,13 @@ import numpy as np
 
 from models.array import Array
 from models.plant import Plant
-from verification.checks.delayed import delayed_box, delayed_step
+from verification.checks.delayed import delayed_box, delayed_graph
 from verification.checks.slope import slope
 from verification.enclosure.bounds import Attained, Bounds, bound
 from verification.enclosure.box import Box
 from verification.enclosure.smoothness import continuous_on
-from workbench.graph import Unreadable, read
+from verification.enclosure.tables import told
+from workbench.graph import Unreadable
 
 BUDGET = 600  # boxes an entry
 
@@ -29,7 +30,8 @@ class SlopeBounds:
     """Rigorous bounds over a box, d the plant's relative degree; magnitudes rounded up.
 
     They bound differences only because the plant was shown to be continuous on the box: it may have kinks there,
-    but no jump, pole or end of a domain.
+    but no jump, pole or end of a domain. The slope by u(k), state and all else held, asks for that along u alone: where
+    the plant jumps with its state, ``gain_low`` and ``gain_high`` are bounds still, and all others are infinite.
 
     ``reason`` says why something could not be bounded (its bound is then infinite), else None.
     """
@@ -47,6 +49,10 @@ class SlopeBounds:
     steepest: Attained | None
     """A point of the box and what ds(k+d)/du(k) is there: the largest magnitude that was found."""
     reason: str | None
+    gain_reason: str | None = None
+    """Why the ends of ds(k+d)/du(k) are not known."""
+    told: str = ""
+    """What the plant's tables stand for, in words to go on with."""
 
 
 def slope_bounds(
@@ -55,15 +61,13 @@ def slope_bounds(
     """Bound the slopes of a plant over a box (names x, u, w, k), for the output or its increment as signal."""
     nx = len(plant.states)
     try:
-        graph = read(delayed_step(plant, degree, increment=increment))
+        graph = delayed_graph(plant, degree, increment=increment)
     except Unreadable as error:
         return _unbounded(nx, str(error))
     box = delayed_box(box, degree)
+    signal = graph.only("y")
     continuous = continuous_on(graph, box)
-    if not continuous.proved:
-        return _unbounded(
-            nx, f"the plant is not shown to be continuous, so slopes bound no difference: {continuous.reason}"
-        )
+    along = continuous if continuous.proved else continuous_on(signal, box, along=("u",))
     reasons: list[str] = []
 
     def ends(of: str, by: str, row: int, column: int) -> Bounds:
@@ -76,26 +80,34 @@ def slope_bounds(
         found = ends(of, by, row, column)
         return max(abs(found.lower), abs(found.upper))
 
+    bounds = _unbounded(
+        nx, f"the plant is not shown to be continuous, so slopes bound no difference: {continuous.reason}"
+    )
+    if along.proved:
+        gain = ends("y", "u", 0, 0)
+        steepest = [one for one in (gain.attained_min, gain.attained_max) if one is not None]
+        steepest.sort(key=lambda one: -max(one.lower, -one.upper))
+        bounds = dataclasses.replace(
+            bounds,
+            gain_low=gain.lower,
+            gain_high=gain.upper,
+            steepest=steepest[0] if steepest else None,
+            gain_reason=reasons[0] if reasons else None,
+            told=told(graph),
+        )
+    if not continuous.proved:
+        return bounds
     a = np.array([[magnitude("x_next", "x", i, j) for j in range(nx)] for i in range(nx)])
     b = np.array([magnitude("x_next", "u", i, 0) for i in range(nx)])
     c = np.array([magnitude("y", "x", 0, j) for j in range(nx)])
-    gain = ends("y", "u", 0, 0)
-    steepest = [one for one in (gain.attained_min, gain.attained_max) if one is not None]
-    steepest.sort(key=lambda one: -max(one.lower, -one.upper))
-    return SlopeBounds(
-        a=a,
-        b=b,
-        c=c,
-        gain_low=gain.lower,
-        gain_high=gain.upper,
-        steepest=steepest[0] if steepest else None,
-        reason=reasons[0] if reasons else None,
-    )
+    return dataclasses.replace(bounds, a=a, b=b, c=c, reason=reasons[0] if reasons else None)
 
 
 def _unbounded(states: int, reason: str) -> SlopeBounds:
     whole, row = np.full((states, states), np.inf), np.full(states, np.inf)
-    return SlopeBounds(a=whole, b=row, c=row, gain_low=-np.inf, gain_high=np.inf, steepest=None, reason=reason)
+    return SlopeBounds(
+        a=whole, b=row, c=row, gain_low=-np.inf, gain_high=np.inf, steepest=None, reason=reason, gain_reason=reason
+    )
 
 
 def off_diagonal(slopes: SlopeBounds, samples: int, weight: float = 1.0) -> Array:

@@ -168,8 +168,40 @@ CASES = [
         small("ByState", lambda x, u, k: (0.6 * x[0] + (0.5 + 0.1 * ca.sin(x[0])) * u,)),
         law(),
         {},
+        PROVED,
+        "slopes B of 0.4 to 0.6",
+    ),
+    (
+        "slope by state, without end",
+        small("ByStateOn", lambda x, u, k: (0.6 * x[0] + (0.5 + 0.1 * x[0] ** 2) * u,)),
+        law(),
+        {},
         UNDECIDED,
         "depends on x0: a set that is shown to hold every trial would decide",
+    ),
+    (
+        "slope by input",
+        small("ByInput", lambda x, u, k: (0.6 * x[0] + 0.5 * u + 0.1 * ca.fabs(u - 0.2),)),
+        law(),
+        {},
+        PROVED,
+        "slopes B of 0.4 to 0.6",
+    ),
+    (
+        "slope by a table of the input",
+        small("ByTable", lambda x, u, k: (0.6 * x[0] + ca.pw_lin(u, ca.DM([-1, 0.3, 1]), ca.DM([-0.6, 0.1, 0.6])),)),
+        law(),
+        {},
+        PROVED,
+        "slopes B of 0.5385 to 0.7143",
+    ),
+    (
+        "a guarded root of the state",
+        small("Guarded", lambda x, u, k: (0.6 * x[0] + 0.5 * u + ca.if_else(x[0] > 0.3, ca.sqrt(x[0] - 0.3), 0),)),
+        law(),
+        {},
+        PROVED,
+        "slopes B of 0.5 to 0.5",
     ),
     (
         "not onto",
@@ -177,7 +209,7 @@ CASES = [
         law(),
         {},
         UNDECIDED,
-        "depends on u: a set",
+        "not shown to be positive and bounded",
     ),
     (
         "falling",
@@ -294,11 +326,15 @@ CONTINUOUS = [
     (lambda x, u, k: ca.if_else(k < x[0], u, 0), "a jump"),
     (lambda x, u, k: ca.if_else(k < 3, ca.sqrt(x[0]), u), "the end of a domain of sqrt"),
     (lambda x, u, k: ca.fmax(x[0], u) * ca.fabs(u) + ca.tanh(x[0]) + ca.exp(u), ""),
-    (lambda x, u, k: u / (1 + x[0] ** 2), "a pole of div"),  # none, but that is not looked at
-    (lambda x, u, k: u + ca.fabs(x[0]) ** 1.5, "the end of a domain of pow"),
+    (lambda x, u, k: u / (1 + x[0] ** 2), ""),
+    (lambda x, u, k: u / (1 - x[0] ** 2), "a pole of div"),
+    (lambda x, u, k: u + ca.fabs(x[0]) ** 1.5, ""),
+    (lambda x, u, k: u + x[0] ** 1.5, "the end of a domain of"),
     (lambda x, u, k: u + x[0] ** 3, ""),
     (lambda x, u, k: ca.atan2(u, x[0]), "a jump of atan2"),
-    (lambda x, u, k: ca.sign(u) * u, "a jump of sign"),
+    (lambda x, u, k: ca.sign(u) * u, ""),
+    (lambda x, u, k: ca.sign(u) * (u + 1e-9), "a jump of sign"),
+    (lambda x, u, k: ca.sign(u) * u * ca.sign(k - x[0]), "a jump of sign"),
 ]
 
 
