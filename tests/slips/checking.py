@@ -786,7 +786,7 @@ SLIPS = (
         check=states_move_by_what_moves_them,
     ),
     Slip(
-        where="verification.checks.row_sums:slope_bounds",
+        where="verification.checks.row_sums:gain_bounds",
         stands="if not continuous.proved:",
         slipped="if continuous is None:",
         causes="slopes beside a jump bound differences across it: A2 PROVED",
