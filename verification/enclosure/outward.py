@@ -369,30 +369,6 @@ def copysign(a: Span, b: Span) -> Span:
     return Span(np.where(plus, size.lo, -size.hi), np.where(minus, -size.lo, size.hi))
 
 
-def fmod(a: Span, b: Span) -> tuple[Span, Mask]:
-    """Enclose the remainder of truncated division, which has the sign of ``x`` and is smaller than ``y``."""
-    quotient, bad = div(a, b)
-    whole = Span(np.trunc(quotient.lo), np.trunc(quotient.hi))
-    limit = magnitude(b).hi
-    loose = Span(np.minimum(np.maximum(a.lo, -limit), 0.0), np.maximum(np.minimum(a.hi, limit), 0.0))
-    tight = meet(loose, sub(a, mul(whole, b)))
-    decided = whole.lo == whole.hi
-    return Span(np.where(decided, tight.lo, loose.lo), np.where(decided, tight.hi, loose.hi)), bad
-
-
-def remainder(a: Span, b: Span) -> tuple[Span, Mask]:
-    """Enclose what is left by division with a quotient rounded to the nearest whole number, half to even."""
-    quotient, bad = div(a, b)
-    nearest = Span(np.rint(quotient.lo), np.rint(quotient.hi))
-    divisor = magnitude(b).hi
-    half = np.where(divisor / 2 * 2 == divisor, divisor / 2, up(divisor / 2))
-    limit = np.minimum(half, magnitude(a).hi)
-    loose = Span(-limit, limit)
-    tight = meet(loose, sub(a, mul(nearest, b)))
-    decided = nearest.lo == nearest.hi
-    return Span(np.where(decided, tight.lo, loose.lo), np.where(decided, tight.hi, loose.hi)), bad
-
-
 def _inside(low: float, high: float) -> Callable[[Span], Mask]:
     return lambda a: (a.lo > low) & (a.hi < high)
 
