@@ -222,7 +222,14 @@ def the_radius_is_bounded_from_both_sides():
 # ------------------------------------------------------------------ row sums, increments and limits
 
 SLOPES = SlopeBounds(
-    a=np.array([[0.5]]), b=np.array([1.0]), c=np.array([0.3]), gain_low=1.0, gain_high=1.0, steepest=None, reason=None
+    a=np.array([[0.5]]),
+    b=np.array([1.0]),
+    c=np.array([0.3]),
+    gain_low=1.0,
+    gain_high=1.0,
+    steepest=None,
+    reason=None,
+    gain_reason=None,
 )
 INPUTS = SimpleNamespace(study=SimpleNamespace(horizon=N), missing=0)
 
@@ -786,7 +793,7 @@ SLIPS = (
         check=states_move_by_what_moves_them,
     ),
     Slip(
-        where="verification.checks.row_sums:slope_bounds",
+        where="verification.checks.row_sums:gain_bounds",
         stands="if not continuous.proved:",
         slipped="if continuous is None:",
         causes="slopes beside a jump bound differences across it: A2 PROVED",

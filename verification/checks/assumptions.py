@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from scipy import stats
 
 from models.array import Array
 from models.plant import Plant
@@ -225,6 +224,8 @@ def trial_lengths(study: Study, lengths: Array) -> Finding:
 
     The table and p(k) are checked by algebra, the drawn lengths by exact binomial tests of every length (Bonferroni).
     """
+    from scipy import stats  # it takes longer to load than most of what is here
+
     horizon, law = study.horizon, study.scenario.trial_length
     possible, probabilities = law.distribution(horizon)
     if abs(float(np.sum(probabilities)) - 1) > 1e-12 or (probabilities < 0).any():

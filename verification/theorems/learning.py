@@ -218,7 +218,7 @@ def _adaptive(d: Dossier) -> list[Claim]:
             "lambda exceeds (rho b)^2/4 with b the largest partial derivative.",
             f"{PAPER}, Theorem 1",
             lambda: d.refuted_in_the_hull(
-                lambda box: convergence.lambda_partial(d.plant, d.evidence, d.slopes_over(box), box)
+                lambda box: convergence.lambda_partial(d.plant, d.evidence, d.gains_over(box), box)
             ),
             role=Role.PRINTED,
             lacks=guess,

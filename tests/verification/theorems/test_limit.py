@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 import pytest
 from judging import judged
-from learning_laws import Late
+from learning_laws import FeedsBack, Late
 from small_plants import small
+from small_studies import gathered, in_plant_units
 
 from models.actuator import Actuator
 from models.plant import Plant, signals
@@ -43,22 +44,14 @@ UNIT = small("Unit", lambda x, u, k: (0.5 * x[0] + u,))
 
 
 def law(kind: Any = ICFDL, **changes: Any) -> Any:
-    """Return a law in the plants' own unit; l_max is rho/(2 sqrt(lam))."""
-    return kind(**{"force_unit": 1.0, "rho": 0.5, "lam": 1.0, "mu": 1.0, "initial_input": 0.3, **changes})
+    """Return a law in the plants' own unit, the paper's where no kind is named."""
+    return in_plant_units(kind, **changes)
 
 
-def gather(plant: Plant, controller: Any = None, *, trials: int = 12, reference: Any = RAMP, **changes: Any) -> Dossier:
+def gather(plant: Plant, controller: Any = None, **changes: Any) -> Dossier:
+    """Return the dossier of a law on a plant, over twelve trials of uniform lengths where nothing else is said."""
     lengths = changes.pop("lengths", TrialLength(law="uniform", minimum=N // 2))
-    study = Study(
-        name="small",
-        plant=plant,
-        reference=reference,
-        controllers={"law": controller or law()},
-        trials=trials,
-        trial_length=lengths,
-        **changes,
-    )
-    return Dossier(run(study, show_progress=False), "law")
+    return gathered(plant, controller or law(), lengths=lengths, **{"trials": 12, "reference": RAMP, **changes})
 
 
 def at_edge(share: float) -> Any:
@@ -94,11 +87,8 @@ class Tiring(ICFDL):
 
 
 @declared
-class Fed(ICFDL):
+class Fed(FeedsBack, ICFDL):
     """It feeds back within the trial."""
-
-    def act(self, memory_k: Any, state: Any, r: Any, r_next: Any, y: Any) -> Any:
-        return memory_k.u * self.force_unit + 0.1 * (r - y), state
 
 
 @declared
