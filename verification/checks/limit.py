@@ -63,7 +63,7 @@ from verification.checks.delayed import delayed_box, delayed_step
 from verification.checks.slope import slope
 from verification.enclosure import outward
 from verification.enclosure.box import Box
-from verification.enclosure.interval import evaluate, reason, supported
+from verification.enclosure.interval import evaluate_unbounded, reason, supported
 from verification.enclosure.rewriting import rewritten
 from verification.enclosure.smoothness import breaks_somewhere, continuous_on
 from workbench.contracts.claim import Held
@@ -79,10 +79,10 @@ Slope = tuple[float, float]
 
 
 def slope_everywhere(plant: Plant, horizon: int) -> Slope | str:
-    """Return the ends of dy(k+1)/du(k) over all states and inputs, k = 0..N-1, or why they are not known.
+    """Return the ends of dy(k+1)/du(k) over all states, inputs and disturbances, k = 0..N-1, or why there are none.
 
-    They are known where that slope does not depend on states, inputs or disturbances at all: it is then enclosed at
-    every whole k.
+    The slope is enclosed at every whole k with all else unbounded: one that varies has ends where what it varies by
+    has (a sine, a kink, a hyperbolic tangent), and none where it grows with a state or an input.
     """
     if not outward.arithmetic_is_ieee():
         return "this process does not round to nearest or drops subnormals"
@@ -99,20 +99,23 @@ def slope_everywhere(plant: Plant, horizon: int) -> Slope | str:
             return reason(found, {}, k)
     labels = graph.labels()
     needed = [label for label, used in zip(labels, found.coordinates((node,), len(labels)), strict=True) if used]
-    if moving := [label for label in needed if label != "k"]:
-        return (
-            f"the slope of y(k+1) by u(k) depends on {' and '.join(moving)}: a set that is shown to hold every trial "
-            "would decide"
-        )
-    points = np.zeros((len(labels), horizon))
+    moving = [label for label in needed if label != "k"]
+    lower, upper = np.full((len(labels), horizon), -np.inf), np.full((len(labels), horizon), np.inf)
     if "k" in labels:
-        points[labels.index("k")] = np.arange(horizon)
-    values = evaluate(found, points, points, [node])
+        lower[labels.index("k")] = upper[labels.index("k")] = np.arange(horizon)
+    values = evaluate_unbounded(found, lower, upper, [node])
     span, fault = values[node]
     if fault is not None and (fault >= 0).any():
         column = int(np.argmax(np.broadcast_to(fault, horizon) >= 0))
-        return f"at sample {column} the slope of y(k+1) by u(k) has no value"
-    return float(np.min(span.lo)), float(np.max(span.hi))
+        of = f" for some {' and '.join(moving)}" if moving else ""
+        return f"at sample {column} the slope of y(k+1) by u(k) has no value{of}"
+    low, high = float(np.min(span.lo)), float(np.max(span.hi))
+    if moving and not np.isfinite([low, high]).all():
+        return (
+            f"the slope of y(k+1) by u(k) depends on {' and '.join(moving)}, and no ends of it are known for all of "
+            "them: a set that is shown to hold every trial would decide"
+        )
+    return low, high
 
 
 def not_continuous(plant: Plant, horizon: int, *, increment: bool = False, over: Box | None = None) -> str | None:
@@ -232,7 +235,7 @@ def output_limit(study: Study, law: AnyLaw, bounds: Slope | str, fell: str, erro
     if isinstance(room, str):
         return undecided(room)
     why = (
-        "the slope is the same for all states and inputs, so that every target has one input, and the estimate is "
+        "the slope has these ends for all states and inputs, so that every target has one input, and the estimate is "
         "bounded by the same induction, so that l has a least value. That is another reason than that of the printed "
         "proof, whose assumptions it does without"
     )

@@ -161,6 +161,38 @@ def evaluate(
     return values
 
 
+def evaluate_unbounded(graph: Rewritten, lower: Array, upper: Array, targets: Iterable[int]) -> dict[int, Value]:
+    """Enclose nodes of a graph on boxes that may be unbounded: an infinite end is no end, and no value either.
+
+    Every operation is one of spans that may be unbounded (see `outward`): what is unknown of a difference of two
+    unbounded numbers, or of the sine of one, comes out as the whole line, or as all that a sine can be. A guard narrows
+    nothing here, so both of its branches have to have values for all numbers.
+
+    Parameters
+    ----------
+    graph, lower, upper, targets
+        As for `evaluate`; ends may be infinite.
+
+    Returns
+    -------
+    dict
+        As of `evaluate`.
+    """
+    values: dict[int, Value] = {}
+    with np.errstate(all="ignore"):
+        for k in graph.ancestors(tuple(targets)):
+            node = graph.nodes[k]
+            if node.op == INPUT:
+                values[k] = Value(Span(lower[node.coordinate], upper[node.coordinate]), None)
+            elif node.op == CONSTANT:
+                number = bool(np.isfinite(node.value))
+                span = outward.point(node.value) if number else outward.full(np.zeros(1))
+                values[k] = Value(span, None if number else np.array([k]))
+            else:
+                values[k] = _operate(graph, k, [values[a] for a in node.args])
+    return values
+
+
 def _kept(value: Value, ends: Span) -> Value:
     """Return a value within ends that it is known to keep; what misses them altogether stays as it is."""
     span = outward.meet(value.span, ends)
