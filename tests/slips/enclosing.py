@@ -14,7 +14,7 @@ from verification.enclosure.bounds import bound, prove_bounds, prove_positive
 from verification.enclosure.box import Box
 from verification.enclosure.breaks import break_at
 from verification.enclosure.exact_schur import certifies
-from verification.enclosure.interval import enclose, evaluate
+from verification.enclosure.interval import enclose, evaluate, evaluate_unbounded
 from verification.enclosure.outward import Span
 from verification.enclosure.rewriting import rewritten
 from verification.enclosure.rounding import rounding
@@ -49,6 +49,16 @@ def turning_points_are_seen():
         else:
             assert (outward.sin(between).hi if k % 4 == 1 else -outward.sin(between).lo) == 1
             assert outward.tan(between)[1].all()
+
+
+def without_ends_all_is_met():
+    graph = rewritten(of_x(X + ca.tanh(X) + ca.fabs(ca.sin(X))))
+    (node,) = graph.targets()
+    slope = rewritten(of_x(1 - ca.tanh(X) ** 2))
+    found, _ = evaluate_unbounded(slope, *np.array([[[-np.inf]], [[np.inf]]]), slope.targets())[slope.targets()[0]]
+    assert found.lo <= 0 and found.hi >= 1
+    whole, _ = evaluate_unbounded(graph, *np.array([[[-np.inf]], [[np.inf]]]), [node])[node]
+    assert whole.lo == -np.inf and whole.hi == np.inf
 
 
 def zero_has_no_power_below_zero():
@@ -248,6 +258,13 @@ SLIPS = (
         slipped="np.where(holds.lo == 0, -1, faults[1])",
         causes="a logarithm of what may be negative is enclosed, since its branch is not surely taken",
         check=a_branch_that_may_be_taken_may_fail,
+    ),
+    Slip(
+        where="verification.enclosure.interval:evaluate_unbounded",
+        stands="upper[node.coordinate]",
+        slipped="lower[node.coordinate]",
+        causes="the conclusion of Theorem 1 is PROVED with a slope that holds far out alone",
+        check=without_ends_all_is_met,
     ),
     Slip(
         where="verification.enclosure.interval:_operate",
