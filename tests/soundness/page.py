@@ -29,8 +29,8 @@ WHY: Mapping[str, str] = {
     "guarded division in x": GUARDED,
     "table in x": TABLE,
     "table in u": TABLE,
-    "theorem1.conclusion": "a slope that varies with state or input has no known ends over all of them",
-    "A2.lifted": "no two trials are built to either side of a jump, so it is not refuted",
+    "theorem1.conclusion": "the slope has no known ends over all states and inputs",
+    "A2.lifted": "no two trials are found on either side of a jump, so it is not refuted",
     "increment_limit": "its premise, a funnel, is open",
 }
 """Why verdicts are left open, by family, else by claim."""
