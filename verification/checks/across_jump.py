@@ -29,6 +29,7 @@ from workbench.evidence.ppd import Evidence, learned_signal
 from workbench.graph import Builder, Entry, Graph, Result, Unreadable, call, read
 from workbench.graph.operations import Rule
 from workbench.graph.smooth import critical
+from workbench.graph.symbolic import function
 
 NEAR = 1e-9
 """How far round the two trials the equations are asked whether they break off, of the larger of 1 and the size."""
@@ -38,14 +39,14 @@ STAYS = 0.9
 """Share of a difference that has to be left when plans come together, for it to be a jump's."""
 GROWS = 8.0
 """By how much the ratio has to grow from one pair of plans to the next."""
-LINES = 24
+LINES = 12
 """Lines of each kind that are looked along at most."""
 ROUNDED = 1e3
 """Times what a double rounds of the largest output: a difference below is not seen."""
-PAIRS = 12
-"""Lines along which pairs of plans are made for one switch at most."""
-HALVINGS = 2000
-"""More than there are halvings between any two plans."""
+PAIRS, FEW = 12, 1
+"""Lines along which pairs of plans are made at most, for a switch that is seen to break off and for others."""
+HALVINGS = 200
+"""More than it takes to come from the ends of a line to a unit in the last place of them."""
 
 
 class Across(NamedTuple):
@@ -73,17 +74,21 @@ class Switch:
 
     row: Graph
     """The row, its only output."""
-    level: Graph
+    level: ca.Function
     """What decides."""
     rule: Rule
     expression: str
+    breaks: bool
+    """Whether the row is seen to break off somewhere where it switches."""
 
-    def side(self, at: dict[str, Array]) -> float:
-        """Return a number that is the same as long as nothing switches: larger for a larger level."""
-        level = float(call(self.level, at)["level"][0, 0])
-        if not np.isfinite(level):
-            return np.nan
-        return float(np.floor(level) + np.ceil(level)) if self.rule == "integer" else float(np.sign(level))
+    def sides(self, x: Array, plan: Array, w: Array) -> Array:
+        """Return for the steps of a run numbers that are the same as long as nothing switches, NaN without a level."""
+        n = plan.size
+        none = np.zeros((1, 0)), np.zeros((w.shape[0], 0))
+        level = self.level.map(n)(x[:, :n], plan[None, :], w, np.arange(n), *none).full().ravel()
+        with np.errstate(invalid="ignore"):
+            side = np.floor(level) + np.ceil(level) if self.rule == "integer" else np.sign(level)
+        return np.where(np.isfinite(level), side, np.nan)
 
 
 class Runs:
@@ -102,10 +107,9 @@ class Runs:
         x = np.column_stack([self.x0, states])
         return x, self._output(x).full()[0]
 
-    def point(self, plan: Array, k: int) -> dict[str, Array]:
-        """Return what the step at a sample is made with."""
-        x, _ = self.of(plan)
-        return self.met(x, plan, k)
+    def side(self, switch: Switch, plan: Array, k: int) -> float:
+        """Return on which side a switch stands at a sample."""
+        return float(switch.sides(self.of(plan)[0], plan, self.w)[k])
 
     def met(self, x: Array, plan: Array, k: int) -> dict[str, Array]:
         """Return what the step at a sample is made with, of a run that is known."""
@@ -132,8 +136,9 @@ def switches(plant: Plant, box: Box) -> list[Switch]:
             build = Builder(row)
             node = rule.level(build, *row.nodes[reach.operation.instruction].args)
             level = build.built((Result("level", (1, 1), (Entry(0, 0, node),)),)).only("level")
-            found[reach.operation.expression, place] = Switch(
-                row=row, level=level, rule=rule.rule, expression=reach.operation.expression
+            expression, breaks = reach.operation.expression, break_at(row, inner, reach) is not None
+            found[expression, place] = Switch(
+                row=row, level=function(level), rule=rule.rule, expression=expression, breaks=breaks
             )
     return list(found.values())
 
@@ -146,12 +151,12 @@ def across_jump(plant: Plant, evidence: Evidence, box: Box) -> Across | None:
         return None
     trial = taken.u.shape[0] - 1
     runs = Runs(plant, taken.x[trial, :, 0], taken.w[trial])
-    tried = dict.fromkeys(range(len(found)), 0)
+    left = [PAIRS if one.breaks else FEW for one in found]
     for line in _lines(plans, box):
         for i, k in _switching(runs, found, line):
-            tried[i] += 1
-            if tried[i] > PAIRS:
+            if left[i] == 0:
                 continue
+            left[i] -= 1
             (low, above), (below, high) = (_between(runs, found[i], k, line, side) for side in (True, False))
             for pair in dict.fromkeys(((low, above), (below, high), (low, high))):
                 made = _apart(runs, evidence, box, found[i], k, line, pair)
@@ -179,30 +184,25 @@ def _switching(runs: Runs, found: Sequence[Switch], line: tuple[Array, Array]) -
     """Give which of the switches stand on different sides at the ends of a line, each with the first such sample."""
     ends = [runs.of(plan)[0] for plan in line]
     for i, switch in enumerate(found):
-        for k in range(runs.samples):
-            sides = [switch.side(runs.met(x, plan, k)) for x, plan in zip(ends, line, strict=True)]
-            if sides[0] != sides[1] and np.isfinite(sides).all():
-                yield i, k
-                break
+        low, high = (switch.sides(x, plan, runs.w) for x, plan in zip(ends, line, strict=True))
+        differ = np.flatnonzero((low != high) & np.isfinite(low) & np.isfinite(high))
+        if differ.size:
+            yield i, int(differ[0])
 
 
 def _between(runs: Runs, switch: Switch, k: int, line: tuple[Array, Array], low_side: bool) -> tuple[float, float]:
-    """Return shares of a line, next to each other, between which a switch turns.
+    """Return shares of a line between which a switch turns: no plan lies between, but for the last place of the ends.
 
     Of the sides (below, at and above the level) the first end's is left, or the last end's is come to.
     """
-
-    def plan(share: float) -> Array:
-        return _on(line, share)
-
-    first, last = (switch.side(runs.point(end, k)) for end in line)
-    low, high = 0.0, 1.0
+    first, last = (runs.side(switch, end, k) for end in line)
+    low, high, least = 0.0, 1.0, np.finfo(float).eps * float(np.abs(line).max())
     for _ in range(HALVINGS):
         middle = low / 2 + high / 2
-        here = plan(middle)
-        if not low < middle < high or (here == plan(low)).all() or (here == plan(high)).all():
+        ends, here = (_on(line, low), _on(line, high)), _on(line, middle)
+        if any((here == end).all() for end in ends) or np.abs(ends[1] - ends[0]).max() <= least:
             break
-        side = switch.side(runs.point(here, k))
+        side = runs.side(switch, here, k)
         if (side == first) if low_side else (side != last):
             low = middle
         else:
@@ -270,7 +270,7 @@ def _breaks(switch: Switch, points: Sequence[dict[str, Array]]) -> Break | None:
     box = Box(ends, whole=("k",))
     values = [float(call(switch.row, one)["f"][0, 0]) for one in points]
     for reach in continuous_on(switch.row, box).reaches:
-        broken = break_at(switch.row, box, reach)
+        broken = break_at(switch.row, box, reach) if reach.operation.expression == switch.expression else None
         if broken is not None and abs(values[1] - values[0]) >= STAYS * broken.gap:
             return broken
     return None
