@@ -376,6 +376,17 @@ def test_slopes_over_all_states_and_inputs(equation, ends):
     assert found[0] <= ends[0] + 1e-15 and ends[1] - 1e-15 <= found[1]
 
 
+def test_slopes_of_a_table_over_all_inputs():
+    """Its outer pieces go on for ever; what it is multiplied by has no end there."""
+    grid, values = np.array([-1.0, 0.0, 1.0, 2.0]), np.array([0.0, 0.3, 0.1, 0.5])
+    table = ca.interpolant("table", "linear", [grid.tolist()], values.tolist())
+    low, high = limit.slope_everywhere(small("Tabled", lambda x, u, k: (u + table(u),)), N)
+    rises = 1 + np.diff(values) / np.diff(grid)
+    assert low <= rises.min() and rises.max() <= high and (low, high) == pytest.approx((rises.min(), rises.max()))
+    found = limit.slope_everywhere(small("Tabled", lambda x, u, k: ((2 + table(x[0])) * u,)), N)
+    assert isinstance(found, str) and "no ends of it are known" in found
+
+
 NOWHERE = [
     # next state, words
     (lambda x, u, k: u / x, "has no value for some x0"),
