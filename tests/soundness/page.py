@@ -22,8 +22,8 @@ rounding decides. A true one is decided as PROVED (SUPPORTED where a claim is ab
 REFUTED. A test holds what is decided: where this page does not say otherwise, all are.
 """
 WHY: Mapping[str, str] = {
-    "theorem1.conclusion": "a slope that varies with state or input has no known ends over all of them",
-    "A2.lifted": "no two trials are built to either side of a jump, so it is not refuted",
+    "theorem1.conclusion": "the slope has no known ends over all states and inputs",
+    "A2.lifted": "no two trials are found on either side of a jump, so it is not refuted",
     "increment_limit": "its premise, a funnel, is open",
 }
 """Why verdicts are left open, by family, else by claim."""

@@ -15,6 +15,7 @@ import numpy as np
 from models.array import Array
 from models.plant import Plant
 from verification.checks import continuity
+from verification.checks.across_jump import Across, across_jump
 from verification.checks.delayed import delayed_box, delayed_graph, delayed_output, delayed_slope
 from verification.checks.domain import described
 from verification.checks.row_sums import SlopeBounds, off_diagonal
@@ -163,8 +164,8 @@ def _largest_ratio(evidence: Evidence) -> dict[str, object]:
 def lipschitz_lifted(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box: Box) -> Finding:
     """A2 repaired: |ds(k+d)| <= p max over j <= k of |du(j)|, p the largest row sum of |G|.
 
-    PROVED over the box where intervals bound it; else SUPPORTED along the last trial's trajectory, unless the output
-    is seen to jump inside the box.
+    PROVED over the box where intervals bound it. REFUTED by two plans whose trials stay in the box and pass a jump on
+    different sides. Else SUPPORTED along the last trial's trajectory, unless something is seen to jump inside the box.
     """
     along = lifted_along(plant, evidence)
     off, own = along.row_sums()
@@ -183,6 +184,8 @@ def lipschitz_lifted(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box:
             witness=witness,
             method=f"row sums of |G| by intervals for {described(plant, box)}; {_beside(total, p)}{slopes.told}",
         )
+    if (met := across_jump(plant, evidence, box)) is not None:
+        return _unbounded(evidence, met, p, unit)
     if not np.isfinite(p):
         return undecided("the row sums along the last trial's plan are not finite")
     if jump := continuity.jump_reached(plant, box, evidence.degree):
@@ -199,6 +202,31 @@ def lipschitz_lifted(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box:
         witness=witness,
         method="row sums of |G| along the trajectory of the last trial's plan, run to the horizon; over the box they "
         f"were not bounded: {slopes.reason or 'the bounds are not finite'}",
+    )
+
+
+def _unbounded(evidence: Evidence, met: Across, along: float, unit: str) -> Finding:
+    """Return the refutation by two plans next to each other whose outputs are apart by a jump."""
+    return Finding(
+        grounds=Grounds.RUN,
+        margin=(along if np.isfinite(along) else 0.0) - met.ratios[-1],
+        unit=unit,
+        witness={
+            "controller": evidence.controller,
+            "trial": met.trial,
+            "sample": met.sample,
+            "plans": [plan.tolist() for plan in met.plans],
+            "du": met.du,
+            "ratios": met.ratios,
+            "apart": met.apart,
+            "jumps_along": met.broken.across,
+            "jump": met.broken.gap,
+            "switch": met.switch,
+        },
+        method=f"two plans that differ by {met.du[-1]:.3g} at the most pass {met.switch} on different sides, where the "
+        f"equations jump by {met.broken.gap:.4g} along {met.broken.across}: at sample {met.sample} what is learned on "
+        f"is apart by {met.apart:.4g}, however near the plans come to each other, so no p exists; the margin is the "
+        "largest row sum along the last trial less the ratio of the two",
     )
 
 

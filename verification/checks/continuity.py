@@ -8,6 +8,7 @@ differences between trials ask more, namely that f is continuous in x too.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from models.array import Array
 from models.plant import Plant
 from models.quantity import InvalidValue
-from verification.checks.delayed import delayed_box, delayed_output
+from verification.checks.delayed import delayed_box, delayed_graph, delayed_output
 from verification.checks.domain import described
 from verification.checks.points import derivative_at, filled, point_of, value_at
 from verification.checks.slope import slope
@@ -28,7 +29,7 @@ from verification.enclosure.switches import Switches
 from verification.enclosure.tables import with_tables
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.evidence.ppd import gain_unit, units_of
-from workbench.graph import Graph, Unreadable, call, read
+from workbench.graph import Entry, Graph, Result, Unreadable, call, read
 
 STEP = 1e-6
 """How far from the place a replay looks, of the larger of 1 and the coordinate's magnitude."""
@@ -128,17 +129,19 @@ def jumps_with_input(witness: Mapping[str, object]) -> bool:
 
 
 def jump_reached(plant: Plant, box: Box, degree: int = 1) -> str:
-    """Return in words where y(k+d) jumps inside a box, along a state or an input, or an empty text."""
+    """Return in words where y(k+d) or a state jumps inside a box, along a state or an input, or an empty text."""
     try:
-        f = with_tables(read(delayed_output(plant, degree)))
+        f = with_tables(delayed_graph(plant, degree))
     except Unreadable:
         return ""
     inner = delayed_box(box, degree)
-    found = continuous_on(f, inner)
-    for reach in found.reaches if not found.proved else ():
-        broken = break_at(f, inner, reach)
-        if broken is not None:
-            return f"it jumps by {broken.gap:.4g} along {broken.across}, at {reach.operation.expression}"
+    for entry in (entry for result in f.outputs for entry in result.entries):
+        row = replace(f, outputs=(Result("f", (1, 1), (Entry(0, 0, entry.node),)),)).only("f")
+        found = continuous_on(row, inner)
+        for reach in found.reaches if not found.proved else ():
+            broken = break_at(row, inner, reach)
+            if broken is not None:
+                return f"it jumps by {broken.gap:.4g} along {broken.across}, at {reach.operation.expression}"
     return ""
 
 

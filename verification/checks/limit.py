@@ -80,7 +80,7 @@ Slope = tuple[float, float]
 
 
 def slope_everywhere(plant: Plant, horizon: int) -> Slope | str:
-    """Return the ends of dy(k+1)/du(k) over all states and inputs, k = 0..N-1, or why they are not known.
+    """Return the ends of dy(k+1)/du(k) over all states, inputs and disturbances, k = 0..N-1, or why there are none.
 
     It is enclosed at every whole k, whatever states, inputs and disturbances are: sines, tables and switches have ends
     where their arguments have none.
@@ -106,15 +106,16 @@ def slope_everywhere(plant: Plant, horizon: int) -> Slope | str:
     real = np.array([label != "k" for label in labels])
     wide, moved = over_the_reals(found, real)
     span, fault = evaluate(wide, *ends(points, points, real[:, None]), [node + moved])[node + moved]
-    ended = np.isfinite(span.lo) & np.isfinite(span.hi)
-    if (moving := [label for label in needed if label != "k"]) and not ended.all():
+    moving = [label for label in needed if label != "k"]
+    if moving and not (np.isfinite(span.lo) & np.isfinite(span.hi)).all():
         return (
-            f"the slope of y(k+1) by u(k) depends on {' and '.join(moving)}: a set that is shown to hold every trial "
-            "would decide"
+            f"the slope of y(k+1) by u(k) depends on {' and '.join(moving)}, and no ends of it are known for all of "
+            "them: a set that is shown to hold every trial would decide"
         )
     if fault is not None and (fault >= 0).any():
         column = int(np.argmax(np.broadcast_to(fault, horizon) >= 0))
-        return f"at sample {column} the slope of y(k+1) by u(k) has no value"
+        of = f" for some {' and '.join(moving)}" if moving else ""
+        return f"at sample {column} the slope of y(k+1) by u(k) has no value{of}"
     return float(np.min(span.lo)), float(np.max(span.hi))
 
 
@@ -235,7 +236,7 @@ def output_limit(study: Study, law: AnyLaw, bounds: Slope | str, fell: str, erro
     if isinstance(room, str):
         return undecided(room)
     why = (
-        "the slope is the same for all states and inputs, so that every target has one input, and the estimate is "
+        "the slope has these ends for all states and inputs, so that every target has one input, and the estimate is "
         "bounded by the same induction, so that l has a least value. That is another reason than that of the printed "
         "proof, whose assumptions it does without"
     )

@@ -148,6 +148,7 @@ def _assumptions(d: Dossier) -> list[Claim]:
             role=Role.REPAIRED,
             premises=(alike,),
             scope=d.scope,
+            replay=lambda witness: assumption_replays.replay_across(d.plant, d.evidence, witness),
             attack=d.attack_row_sums,
         ),
         _claim(
