@@ -8,10 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from slips import checking, deciding, enclosing, running, studying
+from slips import checking, deciding, enclosing, running, studying, tabling
 from slips.planting import Slip, planted
 
-SLIPS: tuple[Slip, ...] = (*enclosing.SLIPS, *checking.SLIPS, *deciding.SLIPS, *running.SLIPS, *studying.SLIPS)
+SLIPS: tuple[Slip, ...] = (
+    *enclosing.SLIPS, *tabling.SLIPS, *checking.SLIPS, *deciding.SLIPS, *running.SLIPS, *studying.SLIPS
+)  # fmt: skip
 CHECKS = list(dict.fromkeys(slip.check for slip in SLIPS))
 
 
