@@ -224,17 +224,22 @@ def check(statement: object, proof: object, graph: Graph) -> tuple[str, list[Sho
         quantity = Quantity(graph, graph.outputs[of], along, wholes)
         what = f"{of[0]}[{of[1]},{of[2]}]"
         what = what if by is None else f"d {what} / d {by}"
-        if side == "continuous":
-            need(bound is None, "what is continuous has no bound")
+        need(isinstance(side, str), "a claim must say what it says")
+        kind, everywhere = side.removesuffix(" everywhere"), side.endswith(" everywhere")
+        need(
+            kind in SIDES or (kind == "continuous" and bound is None),
+            f"a bound must be {', '.join(SIDES)}, got {kind!r:.40}",
+        )
+        if everywhere:
+            alone = kind == "continuous" or graph.depends[quantity.goal] <= set(wholes)
+            need(alone and graph.everywhere(quantity.node, wholes), f"{what} is not seen to be {kind} everywhere")
+        if kind != "continuous":
+            walk(tree, box, partial(_keeps, quantity, kind, number(bound)))
+        elif not everywhere or by is not None:
             walk(tree, box, partial(_continuous, quantity))
-            said.append(f"{what} exists and is continuous")
-            found.append(None)
-            continue
-        need(side in SIDES, f"a bound must be {', '.join(SIDES)} or continuous, got {side!r:.40}")
-        edge = number(bound)
-        walk(tree, box, partial(_keeps, quantity, side, edge))
-        said.append(f"{what} is {side} {edge!r}")
-        found.append(Shown(of, by, side, edge))
+        of_all = ", for all numbers that are not whole" if everywhere else ""
+        said.append(f"{what} {'exists and is continuous' if bound is None else f'is {kind} {number(bound)!r}'}{of_all}")
+        found.append(None if bound is None else Shown(of, by, kind, number(bound)))
     return f"For all {', '.join(map(str, box))}: {'; '.join(said)}.", found
 
 

@@ -22,6 +22,7 @@ def check(statement: object, graph: Graph) -> str:
     for pair in rows(pairs):
         wanted.append([_place(one, graph) for one in rows(pair, 2)])
     need(wanted, "there must be a pair")
+    wanted = [pair for pair in wanted if pair[0] != pair[1]]
     plan = graph.ancestors({one for pair in wanted for one in pair})
     loose = [k for k in plan if graph.nodes[k][0] not in ("const", "add", "sub", "mul", "div", "neg", "sq", "pow")]
     context = fmpq_mpoly_ctx.get([f"a{k}" for k in loose] or ["a"], "lex")
