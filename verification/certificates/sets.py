@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -24,11 +24,11 @@ PIVOTS = 500
 
 
 class Term(NamedTuple):
-    """The sum over j < ``count`` of ``left`` ``base``^j ``right`` w_j, whatever the w_j of the disturbance ``of``."""
+    """The sum over j < ``times`` of ``left`` ``base``^j ``right`` w_j, whatever the w_j of the disturbance ``of``."""
 
     left: Formula
     base: Formula
-    count: int
+    times: int
     right: Formula
     of: str
 
@@ -37,7 +37,7 @@ class Inclusion(NamedTuple):
     """``map`` x + ``plus`` lies in ``outer`` for every x of ``inner``; without an inner set x is 0."""
 
     outer: str
-    plus: Sequence[Term] = ()
+    plus: tuple[Term, ...] = ()
     inner: str | None = None
     map: Formula | None = None
 
@@ -50,7 +50,7 @@ class Space:
     polytopes: Mapping[str, tuple[Matrix, Sequence[Number]]]
     """Rows and their bounds."""
     disturbances: Mapping[str, Zonotope]
-
+    _known: dict[Inclusion, list[Json]] = field(default_factory=dict)
 
     @cached_property
     def rationals(self) -> Sets:
@@ -95,16 +95,19 @@ class Space:
                     for one in claims
                 ],
             },
-            proof={"multipliers": [list(self._shares(one)) for one in claims]},
+            proof={"multipliers": [self._shares(one) for one in claims]},
         )
 
-    def _shares(self, asked: Inclusion) -> Iterator[Json]:
-        by = [] if asked.inner is None else self.rationals.polytopes[asked.inner]
-        for i, row in enumerate(zip(*self.rooms(asked), strict=True)):
-            shares = multipliers(row, by)
-            if shares is None:
-                raise NotShown(f"row {i} of {asked.outer} was not seen to follow from {asked.inner or 'nothing'}")
-            yield [[place, str(share)] for place, share in shares.items()]
+    def _shares(self, asked: Inclusion) -> list[Json]:
+        if asked not in self._known:
+            by, found = [] if asked.inner is None else self.rationals.polytopes[asked.inner], list[Json]()
+            for i, row in enumerate(zip(*self.rooms(asked), strict=True)):
+                shares = multipliers(row, by)
+                if shares is None:
+                    raise NotShown(f"row {i} of {asked.outer} was not seen to follow from {asked.inner or 'nothing'}")
+                found.append([[place, str(share)] for place, share in shares.items()])
+            self._known[asked] = found
+        return self._known[asked]
 
 
 def multipliers(row: Row, by: Sequence[Row]) -> dict[int, fmpq] | None:
@@ -198,15 +201,18 @@ class Need(NamedTuple):
     """What counts as rounding, in the row's unit."""
 
 
-def drawn_in(S: Polytope, needs: Sequence[Need], most: float) -> Array | None:
-    """Return how far to draw in each row of a set, at most a share of its sizes, for needs to be met with some room.
+def drawn_in(S: Polytope, needs: Sequence[Need], *, most: float | None = None) -> Array | None:
+    """Return how far to draw in each row of a set for needs to be met with some room.
 
-    Rounding leaves rows that follow from each other exactly a little too narrow or too wide. By one linear program a
-    need, and one for all; None where it is not seen that so little is enough. In floating point: to be checked.
+    Rounding leaves rows that follow from each other exactly a little too narrow or too wide. With ``most``, a share of
+    the set's sizes, rows are drawn in by as little as will do, and None is returned where so much will not. Without,
+    every row is drawn in by as large a share as can be had with 0 left in the set. One linear program a need, and one
+    for all. In floating point: what comes of it is to be checked.
     """
-    rows = len(S.h)
-    spare = min(1e-3, 0.5 / max(rows, 1))
-    lines, right = list[Array](), list[float]()
+    rows, unit = len(S.h), 1.0 if most is None else most
+    spare = min(1e-3 if most else 1e-12, 0.5 / max(rows, 1))
+    lines: list[Array] = []
+    right: list[float] = []
     for one in needs:
         answer = minimise(-one.normal, S.H, S.h)
         if answer.status != "optimal":
@@ -215,14 +221,17 @@ def drawn_in(S: Polytope, needs: Sequence[Need], most: float) -> Array | None:
         if one.own is not None:
             line[one.own] += S.sizes[one.own]
         lines.append(np.append(line, 0.0) / one.size)
-        right.append(-((answer.prices @ S.h - one.bound) / (most * one.size) + spare))
-    each = np.hstack([np.eye(rows), -np.ones((rows, 1))])  # no share above the largest
-    floor = np.hstack([-np.eye(rows), np.zeros((rows, 1))])
-    matrix = np.vstack([*lines, each, floor])
-    answer = minimise(np.append(np.zeros(rows), 1.0), matrix, np.r_[right, np.zeros(rows), np.full(rows, -spare)])
-    if answer.status != "optimal" or answer.value >= 1:
+        right.append(-((answer.prices @ S.h - one.bound) / (unit * one.size) + spare))
+    sign = 1.0 if most is None else -1.0  # of the least share, or of the largest
+    each = np.hstack([-sign * np.eye(rows), np.full((rows, 1), sign)])
+    ends = np.hstack([np.vstack([np.eye(rows), -np.eye(rows)]), np.zeros((2 * rows, 1))])
+    end = np.r_[np.ones(rows) if most else S.h / S.sizes, np.full(rows, -spare)]
+    answer = minimise(
+        np.append(np.zeros(rows), -sign), np.vstack([*lines, each, ends]), np.r_[right, np.zeros(rows), end]
+    )
+    if answer.status != "optimal":
         return None
-    shares: Array = answer.x[:-1] * most * S.sizes
+    shares: Array = answer.x[:-1] * unit * S.sizes
     return shares
 
 
@@ -239,7 +248,7 @@ def _term(term: Term) -> Json:
     return {
         "left": formula_of(term.left),
         "base": formula_of(term.base),
-        "count": term.count,
+        "count": term.times,
         "right": formula_of(term.right),
         "of": term.of,
     }

@@ -92,13 +92,16 @@ def formula(given: object, of: Mapping[str, fmpq_mat], depth: int = 0) -> Said:
         return of[given], given
     op, a, b = rows(given, 3)
     left, of_left = formula(a, of, depth + 1)
+    whole_left = of_left if isinstance(a, str) or a[0] in ("+", "-") else f"({of_left})"
     if op == "^":
         need(left.nrows() == left.ncols(), "a power is one of a square matrix")
-        return left ** whole(b, 0, 2000), f"{of_left}^{b}"
+        return left ** whole(b, 0, 2000), f"{whole_left}^{b}" if b else "I"
     need(op in _MADE, f"a formula must be made of {' '.join(_MADE)} ^, got {op!r:.20}")
     right, of_right = formula(b, of, depth + 1)
-    between = "' " if op == "'" else " " if op == "*" else f" {op} "
-    return _MADE[op](left, right), f"({of_left}{between}{of_right})"
+    value = _MADE[op](left, right)
+    if op in ("+", "-"):
+        return value, f"({of_left} {op} {of_right})"
+    return value, f"{of_left} {of_right}" if op == "*" else f"{whole_left}' {of_right}"
 
 
 def check_definite(statement: object) -> str:

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from flint import fmpq
-from scipy.linalg import solve_discrete_lyapunov
+from scipy.linalg import eigvalsh, solve_discrete_lyapunov
 
 from verification.certificates.bounds import NotShown
 from verification.certificates.loops import contracting, definite
 from verification.certificates.matrices import Formula, Matrix
+from verification.certificates.numbers import Number
 from verification.certificates.sets import Inclusion, Need, Space, Term, drawn_in
 from verification.enclosure.exact_schur import closed_loop, contraction
 from workbench.contracts.certificate import Certificate
 from workbench.predictive import Tube
+from workbench.predictive.regulator import decrease
 from workbench.sets import TOLERANCE, Polytope
 from workbench.sets.array import Array
 from workbench.sets.balance import state_units
@@ -25,7 +26,9 @@ from workbench.sets.balance import state_units
 LOOP: Formula = ("+", "A", ("*", "b", "K"))
 ONE: Formula = ("^", "A", 0)
 ROUNDING = 1e-9
-"""What counts as rounding of a weight, as a share of it, state by state."""
+"""What counts as rounding of a weight, as a share of it."""
+MOST_HALVED = 16
+"""How often that is halved to see how little a weight needs to be raised."""
 
 
 class Shown(NamedTuple):
@@ -36,10 +39,10 @@ class Shown(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def schur(tube: Tube) -> tuple[Fraction, Certificate]:
-    """Return a number below 1 that every eigenvalue of A + b K is smaller than. Raises NotShown where none was found.
+def schur(tube: Tube) -> Shown:
+    """Return that every eigenvalue of A + b K is smaller in modulus than a number below 1. Raises NotShown.
 
-    States are taken in units that are powers of two, in which the matrices are near one: the same loop, exactly.
+    It is found in units that are powers of two, in which the matrices are near one: the same loop, exactly.
     """
     plant, units = tube.plant, state_units(tube.A_cl)
     A = plant.A * units / units[:, None]
@@ -47,42 +50,52 @@ def schur(tube: Tube) -> tuple[Fraction, Certificate]:
     if found is None:
         raise NotShown("no norm was found in which A + b K contracts")
     own = [Fraction(one) for one in units.tolist()]
-    norm = [[entry / (a * b) for entry, b in zip(line, own, strict=True)] for line, a in zip(found.norm, own, strict=True)]
-    says = f"Every eigenvalue of A + b K is smaller than {found.radius} in modulus, as r = {found.radius} shows."
-    return found.radius, contracting(says, _matrices(tube), LOOP, found.radius, norm)
+    lines = zip(found.norm, own, strict=True)
+    norm = [[entry / (a * b) for entry, b in zip(line, own, strict=True)] for line, a in lines]
+    says = f"Every eigenvalue of A + b K is smaller than {found.radius} in modulus; r is that times I."
+    certificate = contracting(says, _matrices(tube), LOOP, found.radius, norm)
+    return Shown(float(1 - found.radius), certificate)
 
 
 @lru_cache(maxsize=16)
-def equality(tube: Tube) -> Certificate:
-    """Return the certificate that P satisfies (19) with equality but for rounding. Raises NotShown where it does not."""
-    says = "The residual of P = (A + b K)'P (A + b K) + Q + K'R K lies between -D and D, D being 1e-9 of P or Q."
-    matrices = {**_costs(tube), "P": tube.P.tolist(), "D": _small(tube)}
-    return definite(says, matrices, [("+", "D", _falls("P")), ("-", "D", _falls("P"))])
+def equality(tube: Tube) -> Shown:
+    """Return that P satisfies (19) with equality but for 1e-9 of P. Raises NotShown where that is not seen."""
+    says = "(19) holds with equality but for a residual between -e P and e P, e being 1e-9 times I."
+    low, high = ("+", ("*", "e", "P"), _falls("P")), ("-", ("*", "e", "P"), _falls("P"))
+    certificate = definite(says, {**_costs(tube), "e": _share(tube)}, ["P", low, high])
+    residual = decrease(tube.A_cl, tube.K, tube.Q, tube.R, tube.P)
+    return Shown(ROUNDING - float(np.abs(eigvalsh(residual, tube.P)).max()), certificate)
 
 
 @lru_cache(maxsize=16)
-def raised(tube: Tube) -> Certificate:
-    """Return the certificate that (20) is met once P is raised by rounding. Raises NotShown where it is not."""
-    says = (
-        "P+, which is P raised by less than D, 1e-9 of P or Q, meets P+ > (A + b K)'P+ (A + b K) + Q + K'R K: by a "
-        "Schur complement the matrix of (20) is positive definite, whatever root of Q stands in it."
-    )
-    weights = np.diag([float(line[i]) for i, line in enumerate(_small(tube))])
+def raised(tube: Tube) -> Shown:
+    """Return that (20) is met once P is raised a little; the margin is what is left of 1e-9. Raises NotShown."""
     units = state_units(tube.A_cl)
-    scaled = tube.A_cl * units / units[:, None]
-    up = np.asarray(solve_discrete_lyapunov(scaled.T, weights * np.outer(units, units))) / np.outer(units, units)
-    if not np.isfinite(up).all():
-        raise NotShown("P could not be raised")
-    up = (up + up.T) / 2
-    own = np.sqrt(np.diag(weights))
-    share = 0.5 / float(np.linalg.eigvalsh(up / np.outer(own, own))[-1]) if (own > 0).all() else 0.0
-    up = tube.P + share * up
-    matrices = {**_costs(tube), "P": tube.P.tolist(), "P+": up.tolist(), "D": _small(tube)}
-    return definite(says, matrices, [("-", "P+", "P"), ("-", "D", ("-", "P+", "P")), _falls("P+")])
+    both = np.outer(units, units)
+    loop = tube.A_cl * units / units[:, None]
+    try:
+        up = np.asarray(solve_discrete_lyapunov(loop.T, tube.P * both)) / both
+        up = (up + up.T) / 2
+        up *= ROUNDING / float(eigvalsh(up, tube.P)[-1])
+    except (ValueError, ArithmeticError) as error:
+        raise NotShown("no weight was found by which to raise P") from error
+    says = (
+        "P+, which is P raised by less than e P, e being 1e-9 times I, meets (19), strictly: by a Schur complement the "
+        "matrix of (20) is positive definite, whatever root of Q stands in it."
+    )
+    positive: list[Formula] = [("-", "P+", "P"), ("-", ("*", "e", "P"), ("-", "P+", "P")), _falls("P+")]
+    for halved in range(MOST_HALVED, 0, -1):
+        higher = (tube.P + up / 2**halved).tolist()
+        try:
+            certificate = definite(says, {**_costs(tube), "P+": higher, "e": _share(tube)}, positive)
+        except NotShown:
+            continue
+        return Shown(ROUNDING * (1 - 2.0**-halved), certificate)
+    raise NotShown("(20) is not seen to hold for P raised by 1e-9 of itself")
 
 
 def _costs(tube: Tube) -> dict[str, Matrix]:
-    return {**_matrices(tube), "Q": tube.Q.tolist(), "R": [[tube.R]]}
+    return {**_matrices(tube), "Q": tube.Q.tolist(), "R": [[tube.R]], "P": tube.P.tolist()}
 
 
 def _falls(name: str) -> Formula:
@@ -91,78 +104,79 @@ def _falls(name: str) -> Formula:
     return ("-", ("-", fallen, "Q"), ("'", "K", ("*", "R", "K")))
 
 
-def _small(tube: Tube) -> Matrix:
-    """Return what counts as rounding of P: a share of the larger of its diagonal and Q's."""
-    own = np.maximum(np.diag(tube.P), np.diag(tube.Q))
-    return [[ROUNDING * float(one) if i == j else 0.0 for j in range(len(own))] for i, one in enumerate(own)]
+def _share(tube: Tube) -> Matrix:
+    return [[Fraction(1, 10**9) if i == j else 0 for j in range(tube.plant.order)] for i in range(tube.plant.order)]
 
 
 @lru_cache(maxsize=16)
-def invariant(tube: Tube) -> tuple[Shown, Polytope]:
-    """Return Sigma drawn in by rounding, which is robust positively invariant exactly. Raises NotShown."""
-    Sigma, loop, push = tube.Sigma, tube.A_cl, tube.W_z
-    later = push.support(Sigma.H)
-    kept = tube.bounds.h - tube.plant.W.mapped(np.eye(tube.plant.order)).support(tube.bounds.H) * 0
-    apart = tube.bounds.h - tube.X_z.h
-    needs = [
-        Need(row @ loop, float(h - far), i, float(size))
-        for i, (row, h, far, size) in enumerate(zip(Sigma.H, Sigma.h, later, Sigma.sizes, strict=True))
+def invariant(tube: Tube) -> Shown:
+    """Return that Sigma, drawn in by rounding, is robust positively invariant; the margin is what is left of 1e-9.
+
+    Raises NotShown where it is not seen.
+    """
+    Sigma, X_z = tube.Sigma, tube.X_z
+    kept = [
+        Need(row, float(h), None, float(size)) for row, h, size in zip(X_z.H, X_z.h, tube.bounds.sizes, strict=True)
     ]
-    needs += [
-        Need(row, float(h - far), None, float(size))
-        for row, h, far, size in zip(tube.bounds.H, kept, apart, tube.bounds.sizes, strict=True)
-    ]
-    ins = drawn_in(Sigma, needs, TOLERANCE)
+    ins = drawn_in(Sigma, [*_steps(tube), *kept], most=TOLERANCE)
     if ins is None:
-        raise NotShown("Sigma is not seen to be invariant when it is drawn in by rounding")
-    within = Polytope(H=Sigma.H, h=Sigma.h - ins, labels=Sigma.labels, scale=Sigma.sizes)
-    margin = TOLERANCE - float(((Sigma.h - within.h) / Sigma.sizes).max())
+        raise NotShown("Sigma is not seen to be invariant when it is drawn in by 1e-9 of its width")
+    within = Polytope(H=Sigma.H, h=Sigma.h - ins)
     least = Polytope(H=Sigma.H, h=Sigma.h - TOLERANCE * Sigma.sizes)
+    space = _space(tube, {"Sigma": Sigma, "S": within, "Sigma drawn in": least, "X": tube.bounds})
     says = (
-        "S, which lies between Sigma and Sigma drawn in by 1e-9 of its width, is robust positively invariant, and keeps "
-        "the true error within the bounds X over the dead time."
+        "S, which lies between Sigma and Sigma drawn in by 1e-9 of its width, is robust positively invariant, and with "
+        "what the dead time adds it lies in the bounds X."
     )
-    space = _space(tube, {"Sigma": tube.Sigma, "S": within, "drawn in": least, "X": tube.bounds})
     claims = [
-        Inclusion("S", [_step(tube)], "S", LOOP),
+        Inclusion("S", (_step(tube),), "S", LOOP),
         Inclusion("Sigma", (), "S", ONE),
-        Inclusion("S", (), "drawn in", ONE),
-        Inclusion("X", [_dead_time(tube, _delay(tube))], "S", ONE),
+        Inclusion("S", (), "Sigma drawn in", ONE),
+        Inclusion("X", (_dead_time(_delay(tube)),), "S", ONE),
     ]
-    return Shown(margin, space.certificate(says, claims)), within
+    return Shown(TOLERANCE - float(((Sigma.h - within.h) / Sigma.sizes).max()), space.certificate(says, claims))
 
 
 @lru_cache(maxsize=16)
 def limit_inside(tube: Tube) -> Shown:
-    """Return that the tube in the end lies inside Sigma: S, invariant and with 0 in it, lies between. Raises NotShown."""
-    _, within = invariant(tube)
+    """Return that the tube in the end lies inside Sigma: between them is an invariant set with 0 in it.
+
+    The margin is by what share of its width Sigma was drawn in to be that set, at least. Raises NotShown.
+    """
+    Sigma = tube.Sigma
+    ins = drawn_in(Sigma, _steps(tube)) if np.all(Sigma.h > 0) else None
+    if ins is None:
+        raise NotShown("no invariant set that holds 0 is seen within Sigma")
+    within = Polytope(H=Sigma.H, h=np.maximum(Sigma.h - ins, 0.0))
+    space = _space(tube, {"Sigma": Sigma, "S": within})
     says = (
-        "Z, the closure of the sums of (A + b K)^j A^l w_j over j < i for all i, lies in Sigma: from 0, which is in S, "
-        "no step leaves S."
+        "Z, the closure of the sums of (A + b K)^j A^l w_j over j < i for all i, lies in Sigma: no step from 0, which "
+        "is in S, leaves S."
     )
-    space = _space(tube, {"Sigma": tube.Sigma, "S": within})
     claims = [
         Inclusion("S"),
-        Inclusion("S", [_step(tube)], "S", LOOP),
+        Inclusion("S", (_step(tube),), "S", LOOP),
         Inclusion("Sigma", (), "S", ONE),
     ]
-    room = float(((tube.Sigma.h - within.h) / tube.Sigma.sizes).min())
-    return Shown(room, space.certificate(says, claims))
+    return Shown(float(((Sigma.h - within.h) / Sigma.sizes).min()), space.certificate(says, claims))
+
+
+def _steps(tube: Tube) -> list[Need]:
+    Sigma = tube.Sigma
+    later = Sigma.h - tube.W_z.support(Sigma.H)
+    return [
+        Need(row @ tube.A_cl, float(bound), i, float(size))
+        for i, (row, bound, size) in enumerate(zip(Sigma.H, later, Sigma.sizes, strict=True))
+    ]
 
 
 @lru_cache(maxsize=64)
-def held_inside(tube: Tube, N: int) -> tuple[dict[int, float], list[Inclusion], Space]:
-    """Return by how much R_(M+N)^M leaves Sigma for each hold M, as a share of its width, from exact arithmetic."""
+def horizon27(tube: Tube, N: int) -> Shown:
+    """Return that R_(M+N)^M lies inside Sigma for every hold M = 1 ... N-1. Raises NotShown where one does not."""
     space = _space(tube, {"Sigma": tube.Sigma})
-    asked = {M: Inclusion("Sigma", held(tube, M, M + N)) for M in range(1, N)}
-    excess = {M: -_least(space.rooms(one)[1], tube.Sigma.sizes) for M, one in asked.items()}
-    return excess, list(asked.values()), space
-
-
-def horizon27(tube: Tube, N: int) -> Certificate:
-    """Return the certificate that R_(M+N)^M lies inside Sigma for every hold. Raises NotShown where one does not."""
-    _, claims, space = held_inside(tube, N)
-    return space.certificate(f"R_(M+{N})^M lies inside Sigma for every hold M = 1 ... {N - 1}.", claims)
+    claims = [Inclusion("Sigma", held(tube, M, M + N)) for M in range(1, N)]
+    says = f"R_(M+{N})^M lies inside Sigma for every hold M = 1 ... {N - 1}."
+    return Shown(_least(space, claims, tube.Sigma.sizes), space.certificate(says, claims))
 
 
 @lru_cache(maxsize=16)
@@ -172,47 +186,45 @@ def tightening(tube: Tube, stages: int, holds: tuple[int, ...]) -> Shown:
     With z(k+1) = A z(k) + b du(k) + A^l w(k) and x(k+l) = z(k) + A^(l-1) w(k) + ... + w(k+l-1), the disturbances
     before stage i move z(i) from its plan by a sum of (A + b K)^j A^l w, and by powers of A while the input is held.
     """
-    sets, claims, rooms = {}, [], []
+    sets, claims = dict[str, tuple[Matrix, list[Number]]](), list[Inclusion]()
     bounds, delay = tube.bounds, tube.plant.delay
     for M in (0, *holds):
         for i in range(stages + M):
             kept = tube.held_stage_bounds(M, i) if M else tube.stage_bounds(i)
-            name = f"tightened at stage {i}" + (f", held for {M}" if M else "")
-            sets[name] = [
-                Fraction(h) - Fraction(less) + Fraction(TOLERANCE) * Fraction(size)
-                for h, less, size in zip(bounds.h.tolist(), kept.h.tolist(), bounds.sizes.tolist(), strict=True)
-            ]
-            moved = _moved(M, i, delay, 0)
-            claims.append(Inclusion(name, [_dead_time(tube, delay), *moved]))
-    space = Space(
-        matrices=_matrices(tube),
-        polytopes={name: (bounds.H.tolist(), h) for name, h in sets.items()},
-        disturbances={"W": tube.plant.W},
-    )
-    rooms = [_least(space.rooms(one)[1], bounds.sizes) for one in claims]
+            name = f"what stage {i} was tightened by" + (f", held for {M}" if M else "")
+            sets[name] = (
+                bounds.H.tolist(),
+                [
+                    Fraction(h) - Fraction(less) + Fraction(TOLERANCE) * Fraction(size)
+                    for h, less, size in zip(bounds.h.tolist(), kept.h.tolist(), bounds.sizes.tolist(), strict=True)
+                ],
+            )
+            claims.append(Inclusion(name, (_dead_time(delay), *_moved(M, i, delay, 0))))
+    space = Space(matrices=_matrices(tube), polytopes=sets, disturbances={"W": tube.plant.W})
     says = (
-        f"No disturbance of W moves the true error further from a plan of {stages} stages, held for {list(holds)} "
-        "samples or none, than the bounds were tightened by and 1e-9 of their width."
+        f"No disturbance of W moves the true error further from a plan of {stages} stages, held for "
+        f"{', '.join(map(str, (0, *holds)))} samples, than the bounds were tightened by and 1e-9 of their width."
     )
-    return Shown(min(rooms), space.certificate(says, claims))
+    return Shown(_least(space, claims, bounds.sizes), space.certificate(says, claims))
 
 
-def held(tube: Tube, M: int, i: int) -> list[Term]:
+def held(tube: Tube, M: int, i: int) -> tuple[Term, ...]:
     """Return the sums that are R_i^M of a tube, M samples without feedback, and F_i for M = 0."""
     return _moved(M, i, _delay(tube), int(tube.index_off_by_one))
 
 
-def _moved(M: int, i: int, delay: int, slip: int) -> list[Term]:
-    free, closed = min(M, i), max(i - M, 0)
-    found = [Term(("^", LOOP, closed), "A", free + slip, ("^", "A", delay), "W")] if M else []
-    return found if M and i <= M else [*found, Term(ONE, LOOP, closed + slip, ("^", "A", delay), "W")]
+def _moved(M: int, i: int, delay: int, slip: int) -> tuple[Term, ...]:
+    acts: Formula = ("^", "A", delay)
+    free = Term(("^", LOOP, max(i - M, 0)), "A", min(M, i) + slip, acts, "W")
+    closed = Term(ONE, LOOP, max(i - M, 0) + slip, acts, "W")
+    return (closed,) if M == 0 else (free,) if i <= M else (free, closed)
 
 
 def _step(tube: Tube) -> Term:
-    return Term(ONE, "A", 1, ("^", "A", _delay(tube)), "W")
+    return Term(ONE, LOOP, 1, ("^", "A", _delay(tube)), "W")
 
 
-def _dead_time(tube: Tube, delay: int) -> Term:
+def _dead_time(delay: int) -> Term:
     return Term(ONE, "A", delay, ONE, "W")
 
 
@@ -220,8 +232,13 @@ def _delay(tube: Tube) -> int:
     return 0 if tube.ignore_delay else tube.plant.delay
 
 
-def _least(rooms: list[fmpq], sizes: Array) -> float:
-    return min(int(room.p) / int(room.q) / float(size) for room, size in zip(rooms, sizes, strict=True))
+def _least(space: Space, claims: Sequence[Inclusion], sizes: Array) -> float:
+    """Return the least room that sums without an inner set leave, as a share of sizes."""
+    return min(
+        int(room.p) / int(room.q) / float(size)
+        for one in claims
+        for room, size in zip(space.rooms(one)[1], sizes, strict=True)
+    )
 
 
 def _matrices(tube: Tube) -> Mapping[str, Matrix]:

@@ -26,7 +26,7 @@ def closed_loop(A: Matrix, b: Row, K: Row) -> Rows:
 
 
 class Contraction(NamedTuple):
-    """A number r below 1 and a norm P > 0 with r^2 P - M'P M > 0: every eigenvalue of M is smaller than r in modulus."""
+    """A number r below 1 and a norm P > 0 with r^2 P - M'P M > 0: eigenvalues of M are smaller than r in modulus."""
 
     radius: Fraction
     norm: Rows
