@@ -220,8 +220,9 @@ def drawn_in(S: Polytope, needs: Sequence[Need], *, most: float | None = None) -
         line = -answer.prices * S.sizes
         if one.own is not None:
             line[one.own] += S.sizes[one.own]
-        lines.append(np.append(line, 0.0) / one.size)
-        right.append(-((answer.prices @ S.h - one.bound) / (unit * one.size) + spare))
+        line /= one.size
+        lines.append(np.r_[line, 0.0])
+        right.append(-(float(answer.prices @ S.h) - one.bound) / (unit * one.size) - spare)
     sign = 1.0 if most is None else -1.0  # of the least share, or of the largest
     each = np.hstack([-sign * np.eye(rows), np.full((rows, 1), sign)])
     ends = np.hstack([np.vstack([np.eye(rows), -np.eye(rows)]), np.zeros((2 * rows, 1))])
