@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,18 +15,23 @@ from models.quantity import InvalidValue
 from studies.stopping import claims
 from studies.stopping import outcomes as stopping_outcomes
 from studies.stopping.design import Control
+from studies.stopping.design_claims import _certified, design_claims
+from studies.stopping.published import EXPECTED
 from studies.stopping.settings import own
 from verification.certificates.bounds import NotShown
+from verification.certificates.recheck import Recheck
+from verification.checker.folder import answers
 from verification.checks import exact_tube
 from verification.checks import predictive as predictive_checks
 from verification.checks import tube as tube_checks
 from verification.checks.feasibility import simulate
-from verification.decide.judge import judge
+from verification.decide.judge import Judge, judge
 from verification.decide.verify import verify
 from verification.enclosure.exact_schur import certifies, proved_radius, proved_schur
 from workbench.contracts.claim import Role, expected_of
 from workbench.contracts.finding import Grounds, Standing, plain
 from workbench.contracts.settings import assigned, in_case
+from workbench.contracts.verdict import DEFAULT
 from workbench.controllers.rmpc import RMPC
 from workbench.controllers.rsmpc import RSMPC, Selection
 from workbench.predictive.quadratic_program import Infeasible
@@ -387,6 +393,29 @@ def test_every_setting_stays_feasible(config, kind):
     study = assigned(STUDY, [f"config={config}"])
     for N in own(study).lengths:
         assert claims._feasible(study, own(study), kind, N, 300).standing is Standing.SUPPORTED
+
+
+@pytest.mark.parametrize("case", ["", "B"])
+def test_what_is_said_of_the_design_is_certified(case, tmp_path):
+    study, recheck = in_case(STUDY, case), Recheck()
+    judge_ = Judge(case or DEFAULT, expectations=EXPECTED, recheck=recheck)
+    verdicts = [judge_.verdict(claim) for claim in design_claims(study, (3, 5))]
+    assert [(one.label, one.controller) for one in verdicts if one.departs] == []
+    proved = [one for one in verdicts if one.standing is Standing.PROVED]
+    refuted = {(one.label, one.controller) for one in verdicts if one.standing is Standing.REFUTED}
+    assert len(proved) + len(refuted) == len(verdicts) and len(proved) >= 8
+    recheck.write_into(tmp_path, verdicts)
+    assert {one.outcome for one in answers(tmp_path)} == {"accepted"} and len(answers(tmp_path)) == len(proved)
+
+
+def test_what_has_no_certificate_is_no_more_than_supported():
+    def unseen(*_: object) -> None:
+        raise NotShown("it is not seen")
+
+    (claim,) = [one for one in design_claims(STUDY, (3,)) if one.name == "stopping.schur"]
+    without = dataclasses.replace(claim, certify=partial(_certified, own(STUDY), unseen))
+    verdict = Judge(recheck=Recheck()).verdict(without)
+    assert verdict.standing is Standing.SUPPORTED and verdict.unchecked == "it is not seen"
 
 
 @pytest.mark.slow

@@ -210,7 +210,7 @@ def drawn_in(S: Polytope, needs: Sequence[Need], *, most: float | None = None) -
     for all. In floating point: what comes of it is to be checked.
     """
     rows, unit = len(S.h), 1.0 if most is None else most
-    spare = min(1e-3 if most else 1e-12, 0.5 / max(rows, 1))
+    spare = min(1e-3 if most else 1e-9, 0.5 / max(rows, 1))
     lines: list[Array] = []
     right: list[float] = []
     for one in needs:
