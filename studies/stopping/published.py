@@ -25,9 +25,7 @@ EXPECTED: Expectations = {
         Expected(standing=P, why="P solves (19) but for the solver's rounding, whose size is shown in rationals"),
     ),
     "lmi20": (
-        Expected(
-            standing=P, why="(20) is (19) by a Schur complement: singular at equality, so P is raised a little"
-        ),
+        Expected(standing=P, why="(20) is (19) by a Schur complement: singular at equality, so P is raised a little"),
     ),
     "tube_inside": (
         Expected(standing=P, why="the tube is narrow beside the bounds: a smaller invariant set lies between"),

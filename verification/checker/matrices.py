@@ -16,6 +16,9 @@ _MADE: Mapping[str, Callable[[fmpq_mat, fmpq_mat], fmpq_mat]] = {
     "+": operator.add, "-": operator.sub, "*": operator.mul, "'": lambda a, b: a.transpose() * b
 }  # fmt: skip
 
+LONGEST = 10**6
+"""Binary digits that powers may come to."""
+
 
 class Sets(NamedTuple):
     """What claims of inclusion speak of, by name: matrices, polytopes, and what disturbs, as its ends' matrices."""
@@ -95,6 +98,7 @@ def formula(given: object, of: Mapping[str, fmpq_mat], depth: int = 0) -> Said:
     whole_left = of_left if isinstance(a, str) or a[0] in ("+", "-") else f"({of_left})"
     if op == "^":
         need(left.nrows() == left.ncols(), "a power is one of a square matrix")
+        need(_digits(left) * whole(b, 0, 2000) <= LONGEST, "a power has too many digits")
         return left ** whole(b, 0, 2000), f"{whole_left}^{b}" if b else "I"
     need(op in _MADE, f"a formula must be made of {' '.join(_MADE)} ^, got {op!r:.20}")
     right, of_right = formula(b, of, depth + 1)
@@ -102,6 +106,10 @@ def formula(given: object, of: Mapping[str, fmpq_mat], depth: int = 0) -> Said:
     if op in ("+", "-"):
         return value, f"({of_left} {op} {of_right})"
     return value, f"{of_left} {of_right}" if op == "*" else f"{whole_left}' {of_right}"
+
+
+def _digits(matrix: fmpq_mat) -> int:
+    return max((one.p.bit_length() + one.q.bit_length() for one in matrix.entries()), default=0)
 
 
 def check_definite(statement: object) -> str:
@@ -164,6 +172,7 @@ def pushed(normals: fmpq_mat, term: object, of: Sets) -> tuple[list[fmpq], str]:
     (first, of_left), (power, of_base), (last, of_right) = (formula(one, of.matrices) for one in (left, base, right))
     ends, along = of.disturbances[name].transpose(), normals * first
     last, far, number = last * ends, [fmpq(0)] * normals.nrows(), whole(count, 0, 2000)
+    need(_digits(power) * number <= LONGEST, "a sum has too many digits")
     for _ in range(number):
         reach = (along * last).tolist()
         far = [a + line[0] + sum((abs(one) for one in line[1:]), fmpq(0)) for a, line in zip(far, reach, strict=True)]

@@ -90,6 +90,7 @@ BAD = {
     "another name": {"says": "", "matrices": {"P": [["1"]]}, "positive": ["Q"]},
     "another operation": {"says": "", "matrices": {"P": [["1"]]}, "positive": [["/", "P", "P"]]},
     "nested without end": {"says": "", "matrices": {"P": [["1"]]}, "positive": [["^", "P", 10**9]]},
+    "too long": {"says": "", "matrices": {"P": [["1/3"]]}, "positive": [["^", ["^", ["^", "P", 999], 999], 999]]},
     "ragged": {"says": "", "matrices": {"P": [["1", "0"], ["0"]]}, "positive": ["P"]},
     "nan": {"says": "", "matrices": {"P": [["nan"]]}, "positive": ["P"]},
     "a number": {"says": "", "matrices": {"P": [[1]]}, "positive": ["P"]},

@@ -73,9 +73,13 @@ def shown(space, *claims):
 def test_an_inclusion_is_shown_where_the_corners_keep_it_and_nowhere_else(seed):
     H, h, M, W = drawn(seed)
     reach = farthest(H, h, M, W, H)
-    shown(within(H, h, M, W, (H, reach)))  # touched by every row
+    made = shown(within(H, h, M, W, (H, reach)))  # touched by every row
     for row in range(len(H)):
         short = [*reach[:row], reach[row] - TINY, *reach[row + 1 :]]
+        false = copy.deepcopy(made.statement)
+        false["polytopes"]["T"][row][1] = str(short[row])
+        with pytest.raises(Rejected, match=f"row {row} of T must follow"):
+            check_sets(false, made.proof)
         with pytest.raises(NotShown, match=f"row {row} of T"):
             shown(within(H, h, M, W, (H, short)))
 
