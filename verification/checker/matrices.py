@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from flint import fmpq, fmpq_mat
 
-from verification.checker.reading import exact, need, record, rows, text, whole
+from verification.checker.reading import Rejected, exact, need, record, rows, text, whole
 
 Row = tuple[list[fmpq], fmpq]
 Said = tuple[fmpq_mat, str]
@@ -83,8 +83,9 @@ def _follows(row: Row, by: list[Row], multipliers: object) -> bool:
 
 
 def _named(given: object) -> dict[str, fmpq_mat]:
-    need(isinstance(given, dict), "matrices must be a record")
-    return {text(name): _matrix(one) for name, one in given.items()}  # type: ignore[attr-defined]
+    if not isinstance(given, dict):
+        raise Rejected("matrices must be a record")
+    return {text(name): _matrix(one) for name, one in given.items()}
 
 
 def formula(given: object, of: Mapping[str, fmpq_mat], depth: int = 0) -> Said:
