@@ -62,7 +62,29 @@ class Theorem(NamedTuple):
     relations: list[object]
 
 
-THEOREMS: Mapping[str, Theorem] = {}
+_SIZE = ["max", "slopes: high", ["-", "0", "slopes: low"]]
+_REACH = ["*", ["*", "law: rho", "law: unit"], _SIZE]
+_ALIKE = ("same_but_for_the_input", "no_noise", "no_actuator", "plan_alone", "no_filter", "relative_degree_1")
+THEOREMS: Mapping[str, Theorem] = {
+    "lambda_min": Theorem(
+        "Lambda exceeds (rho b)^2/4, b the largest slope.",
+        ("slopes", "law"),
+        [[">", "law: lambda", ["/", ["*", _REACH, _REACH], "4"]]],
+    ),
+    "increment_funnel": Theorem(
+        "In every trial each signal stays in its band, whatever the trial lengths and whatever the law estimates.",
+        ("sets", "relative_degree_1", "no_filter", "plan_alone", "update_form", "positive_gain", "starts_given"),
+        [[">=", "sets: l_max", "positive_gain: largest learning gain"]],
+    ),
+    "increments": Theorem(
+        "For every positive estimate max |u* - u| weight^k falls from trial to trial.",
+        ("rows", "law", *_ALIKE, "positive_estimate", "scope_holds_disturbances", "follows"),
+        [
+            ["<", "rows: r", "rows: low"],
+            ["<", ["*", "law: l_max", ["+", "rows: high", "rows: r"]], "2"],
+        ],
+    ),
+}
 
 
 def check_theorem(statement: object, shown: Mapping[str, tuple[str, Facts]]) -> tuple[str, Facts]:
