@@ -10,12 +10,12 @@ import numpy as np
 from brake_tubes import integrator_tube
 
 from slips.planting import Slip
-from verification.certificates.bounds import NotShown
 from verification.certificates.loops import contracting, definite
 from verification.certificates.sets import Inclusion, Space, Term, multipliers
 from verification.checker import matrices
 from verification.checker.reading import Rejected
 from verification.checks import exact_tube
+from workbench.contracts.claim import NotCertified
 from workbench.sets import Zonotope
 
 HALF = [[Fraction(1, 2), 0], [0, Fraction(1, 2)]]
@@ -34,7 +34,7 @@ def inclusion(map_, reach, times=1):
 def is_shown(make, *given):
     try:
         return bool(make(*given))
-    except NotShown:
+    except NotCertified:
         return False
 
 

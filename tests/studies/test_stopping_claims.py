@@ -18,7 +18,6 @@ from studies.stopping.design import Control
 from studies.stopping.design_claims import _certified, design_claims
 from studies.stopping.published import EXPECTED
 from studies.stopping.settings import own
-from verification.certificates.bounds import NotShown
 from verification.certificates.recheck import Recheck
 from verification.checker.folder import answers
 from verification.checks import exact_tube
@@ -28,7 +27,7 @@ from verification.checks.feasibility import simulate
 from verification.decide.judge import Judge, judge
 from verification.decide.verify import verify
 from verification.enclosure.exact_schur import certifies, proved_radius, proved_schur
-from workbench.contracts.claim import Role, expected_of
+from workbench.contracts.claim import NotCertified, Role, expected_of
 from workbench.contracts.finding import Grounds, Standing, plain
 from workbench.contracts.settings import assigned, in_case
 from workbench.contracts.verdict import DEFAULT
@@ -119,7 +118,7 @@ def test_schur_says_how_far_the_radius_is_proved_to_be_from_1(tube):
 
 def test_nothing_is_proved_by_floating_point(brake_a, monkeypatch):
     def unseen(*_: object) -> None:
-        raise NotShown("it is not seen")
+        raise NotCertified("it is not seen")
 
     for name in ("schur", "equality", "raised", "limit_inside", "invariant", "horizon27", "tightening"):
         monkeypatch.setattr(exact_tube, name, unseen)
@@ -410,7 +409,7 @@ def test_what_is_said_of_the_design_is_certified(case, tmp_path):
 
 def test_what_has_no_certificate_is_no_more_than_supported():
     def unseen(*_: object) -> None:
-        raise NotShown("it is not seen")
+        raise NotCertified("it is not seen")
 
     (claim,) = [one for one in design_claims(STUDY, (3,)) if one.name == "stopping.schur"]
     without = dataclasses.replace(claim, certify=partial(_certified, own(STUDY), unseen))

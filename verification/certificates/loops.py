@@ -7,20 +7,20 @@ from fractions import Fraction
 
 from flint import fmpq_mat
 
-from verification.certificates.bounds import NotShown
 from verification.certificates.matrices import Formula, Matrix, formula_of, lines_of, rational
 from verification.certificates.numbers import Number
 from verification.checker.matrices import formula, is_positive
 from workbench.contracts.certificate import Certificate
+from workbench.contracts.claim import NotCertified
 
 
 def definite(says: str, matrices: Mapping[str, Matrix], positive: Sequence[Formula]) -> Certificate:
-    """Return the certificate that matrices are symmetric and positive definite. Raises NotShown for one that is not."""
+    """Return the certificate that matrices are symmetric and positive definite. Raises NotCertified where not."""
     given = {name: fmpq_mat(rational(one)) for name, one in matrices.items()}
     for one in positive:
         value, words = formula(formula_of(one), given)
         if value.nrows() != value.ncols() or not is_positive(value):
-            raise NotShown(f"{words} is not positive definite")
+            raise NotCertified(f"{words} is not positive definite")
     return Certificate(
         kind="definite",
         statement={

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from verification.certificates.bounds import NotShown
 from verification.certificates.matrices import Formula, Matrix, formula_of, lines_of, rational
 from verification.certificates.numbers import Number
 from verification.checker.matrices import Row, Sets, formula, pushed
 from workbench.contracts.certificate import Certificate, Json
+from workbench.contracts.claim import NotCertified
 from workbench.sets import Polytope, Zonotope
 from workbench.sets.array import Array
 from workbench.sets.linear_program import minimise
@@ -74,7 +74,7 @@ class Space:
         return lines, left
 
     def certificate(self, says: str, claims: Sequence[Inclusion]) -> Certificate:
-        """Return the certificate of inclusions. Raises NotShown for the first row that was not seen to follow."""
+        """Return the certificate of inclusions. Raises NotCertified for the first row that was not seen to follow."""
         return Certificate(
             kind="sets",
             statement={
@@ -104,7 +104,8 @@ class Space:
             for i, row in enumerate(zip(*self.rooms(asked), strict=True)):
                 shares = multipliers(row, by)
                 if shares is None:
-                    raise NotShown(f"row {i} of {asked.outer} was not seen to follow from {asked.inner or 'nothing'}")
+                    of = asked.inner or "nothing"
+                    raise NotCertified(f"row {i} of {asked.outer} was not seen to follow from {of}")
                 found.append([[place, str(share)] for place, share in shares.items()])
             self._known[asked] = found
         return self._known[asked]

@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import eigvalsh, solve_discrete_lyapunov
 
-from verification.certificates.bounds import NotShown
 from verification.certificates.loops import contracting, definite
 from verification.certificates.matrices import Formula, Matrix
 from verification.certificates.numbers import Number
 from verification.certificates.sets import Inclusion, Need, Space, Term, drawn_in
 from verification.enclosure.exact_schur import closed_loop, contraction
 from workbench.contracts.certificate import Certificate
+from workbench.contracts.claim import NotCertified
 from workbench.predictive import Tube
 from workbench.predictive.regulator import decrease
 from workbench.sets import TOLERANCE, Polytope
@@ -40,7 +40,7 @@ class Shown(NamedTuple):
 
 @lru_cache(maxsize=16)
 def schur(tube: Tube) -> Shown:
-    """Return that every eigenvalue of A + b K is smaller in modulus than a number below 1. Raises NotShown.
+    """Return that every eigenvalue of A + b K is smaller in modulus than a number below 1. Raises NotCertified.
 
     It is found in units that are powers of two, in which the matrices are near one: the same loop, exactly.
     """
@@ -48,7 +48,7 @@ def schur(tube: Tube) -> Shown:
     A = plant.A * units / units[:, None]
     found = contraction(closed_loop(A.tolist(), (plant.b / units).tolist(), (tube.K * units).tolist()))
     if found is None:
-        raise NotShown("no norm was found in which A + b K contracts")
+        raise NotCertified("no norm was found in which A + b K contracts")
     own = [Fraction(one) for one in units.tolist()]
     lines = zip(found.norm, own, strict=True)
     norm = [[entry / (a * b) for entry, b in zip(line, own, strict=True)] for line, a in lines]
@@ -59,7 +59,7 @@ def schur(tube: Tube) -> Shown:
 
 @lru_cache(maxsize=16)
 def equality(tube: Tube) -> Shown:
-    """Return that P satisfies (19) with equality but for 1e-9 of P. Raises NotShown where that is not seen."""
+    """Return that P satisfies (19) with equality but for 1e-9 of P. Raises NotCertified where that is not seen."""
     says = "(19) holds with equality but for a residual between -e P and e P, e being 1e-9 times I."
     low, high = ("+", ("*", "e", "P"), _falls("P")), ("-", ("*", "e", "P"), _falls("P"))
     certificate = definite(says, {**_costs(tube), "e": _share(tube)}, ["P", low, high])
@@ -69,7 +69,7 @@ def equality(tube: Tube) -> Shown:
 
 @lru_cache(maxsize=16)
 def raised(tube: Tube) -> Shown:
-    """Return that (20) is met once P is raised a little; the margin is what is left of 1e-9. Raises NotShown."""
+    """Return that (20) is met once P is raised a little; the margin is what is left of 1e-9. Raises NotCertified."""
     units = state_units(tube.A_cl)
     both = np.outer(units, units)
     loop = tube.A_cl * units / units[:, None]
@@ -78,7 +78,7 @@ def raised(tube: Tube) -> Shown:
         up = (up + up.T) / 2
         up *= ROUNDING / float(eigvalsh(up, tube.P)[-1])
     except (ValueError, ArithmeticError) as error:
-        raise NotShown("no weight was found by which to raise P") from error
+        raise NotCertified("no weight was found by which to raise P") from error
     says = (
         "P+, which is P raised by less than e P, e being 1e-9 times I, meets (19), strictly: by a Schur complement the "
         "matrix of (20) is positive definite, whatever root of Q stands in it."
@@ -88,10 +88,10 @@ def raised(tube: Tube) -> Shown:
         higher = (tube.P + up / 2**halved).tolist()
         try:
             certificate = definite(says, {**_costs(tube), "P+": higher, "e": _share(tube)}, positive)
-        except NotShown:
+        except NotCertified:
             continue
         return Shown(ROUNDING * (1 - 2.0**-halved), certificate)
-    raise NotShown("(20) is not seen to hold for P raised by 1e-9 of itself")
+    raise NotCertified("(20) is not seen to hold for P raised by 1e-9 of itself")
 
 
 def _costs(tube: Tube) -> dict[str, Matrix]:
@@ -112,7 +112,7 @@ def _share(tube: Tube) -> Matrix:
 def invariant(tube: Tube) -> Shown:
     """Return that Sigma, drawn in by rounding, is robust positively invariant; the margin is what is left of 1e-9.
 
-    Raises NotShown where it is not seen.
+    Raises NotCertified where it is not seen.
     """
     Sigma, X_z = tube.Sigma, tube.X_z
     kept = [
@@ -120,7 +120,7 @@ def invariant(tube: Tube) -> Shown:
     ]
     ins = drawn_in(Sigma, [*_steps(tube), *kept], most=TOLERANCE)
     if ins is None:
-        raise NotShown("Sigma is not seen to be invariant when it is drawn in by 1e-9 of its width")
+        raise NotCertified("Sigma is not seen to be invariant when it is drawn in by 1e-9 of its width")
     within = Polytope(H=Sigma.H, h=Sigma.h - ins)
     least = Polytope(H=Sigma.H, h=Sigma.h - TOLERANCE * Sigma.sizes)
     space = _space(tube, {"Sigma": Sigma, "S": within, "Sigma drawn in": least, "X": tube.bounds})
@@ -140,12 +140,12 @@ def invariant(tube: Tube) -> Shown:
 def limit_inside(tube: Tube) -> Shown:
     """Return that the tube in the end lies inside Sigma: between them is an invariant set with 0 in it.
 
-    The margin is by what share of its width Sigma was drawn in to be that set, at least. Raises NotShown.
+    The margin is by what share of its width Sigma was drawn in to be that set, at least. Raises NotCertified.
     """
     Sigma = tube.Sigma
     ins = drawn_in(Sigma, _steps(tube)) if np.all(Sigma.h > 0) else None
     if ins is None:
-        raise NotShown("no invariant set that holds 0 is seen within Sigma")
+        raise NotCertified("no invariant set that holds 0 is seen within Sigma")
     within = Polytope(H=Sigma.H, h=np.maximum(Sigma.h - ins, 0.0))
     space = _space(tube, {"Sigma": Sigma, "S": within})
     says = (
@@ -171,7 +171,7 @@ def _steps(tube: Tube) -> list[Need]:
 
 @lru_cache(maxsize=64)
 def horizon27(tube: Tube, N: int) -> Shown:
-    """Return that R_(M+N)^M lies inside Sigma for every hold M = 1 ... N-1. Raises NotShown where one does not."""
+    """Return that R_(M+N)^M lies inside Sigma for every hold M = 1 ... N-1. Raises NotCertified where one does not."""
     space = _space(tube, {"Sigma": tube.Sigma})
     claims = [Inclusion("Sigma", held(tube, M, M + N)) for M in range(1, N)]
     says = f"R_(M+{N})^M lies inside Sigma for every hold M = 1 ... {N - 1}."
@@ -180,7 +180,7 @@ def horizon27(tube: Tube, N: int) -> Shown:
 
 @lru_cache(maxsize=16)
 def tightening(tube: Tube, stages: int, holds: tuple[int, ...]) -> Shown:
-    """Return that bounds are tightened by no less than disturbances move the true error. Raises NotShown.
+    """Return that bounds are tightened by no less than disturbances move the true error. Raises NotCertified.
 
     With z(k+1) = A z(k) + b du(k) + A^l w(k) and x(k+l) = z(k) + A^(l-1) w(k) + ... + w(k+l-1), the disturbances
     before stage i move z(i) from its plan by a sum of (A + b K)^j A^l w, and by powers of A while the input is held.

@@ -9,10 +9,9 @@ from fractions import Fraction
 import numpy as np
 
 from models.quantity import InvalidValue
-from verification.certificates.bounds import NotShown
 from verification.checks import exact_tube
 from verification.checks.exact_tube import ROUNDING
-from workbench.contracts.claim import Held
+from workbench.contracts.claim import Held, NotCertified
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.predictive import Tube
 from workbench.predictive.regulator import decrease, lmi, relative
@@ -295,7 +294,7 @@ def _exactly(finding: Finding, prove: Callable[[], exact_tube.Shown], said: str)
         return dataclasses.replace(finding, method=f"{finding.method}; {FLOAT}")
     try:
         margin = prove().margin
-    except NotShown as error:
+    except NotCertified as error:
         return dataclasses.replace(finding, method=f"{finding.method}; {FLOAT}: {error}")
     return dataclasses.replace(finding, grounds=Grounds.ALGEBRA, margin=margin, method=f"{finding.method}; {said}")
 

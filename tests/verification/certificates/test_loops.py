@@ -7,12 +7,12 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from verification.certificates.bounds import NotShown
 from verification.certificates.loops import contracting, definite
 from verification.certificates.recheck import Recheck
 from verification.checker.matrices import check_definite
 from verification.checker.reading import Rejected
 from verification.enclosure.exact_schur import contraction
+from workbench.contracts.claim import NotCertified
 
 TINY = Fraction(1, 10**30)
 ONE = Fraction(1)
@@ -31,7 +31,7 @@ def test_a_radius_is_certified_between_the_true_one_and_1(seed):
     assert "Positive definite: P" in Recheck().sentence(made)
     true = np.abs(np.linalg.eigvals(M)).max()
     assert true < found.radius < 1
-    with pytest.raises(NotShown):
+    with pytest.raises(NotCertified):
         contracting("It contracts.", {"M": rows}, "M", Fraction(true) * (1 - Fraction(1, 10**6)), found.norm)
 
 
@@ -49,7 +49,7 @@ def test_the_unit_circle_is_not_inside(loop, radius, holds):
     if holds:
         Recheck().sentence(contracting("It does.", {"M": loop}, "M", radius, I2))
     else:
-        with pytest.raises(NotShown):
+        with pytest.raises(NotCertified):
             contracting("It does.", {"M": loop}, "M", radius, I2)
 
 
@@ -72,7 +72,7 @@ def test_formulas_say_what_numpy_says(sign, made, seed):
     if holds:
         Recheck().sentence(definite("So it is.", matrices, [formula]))
     else:
-        with pytest.raises(NotShown, match="is not positive definite"):
+        with pytest.raises(NotCertified, match="is not positive definite"):
             definite("So it is.", matrices, [formula])
 
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from verification.certificates.bounds import NotShown
 from verification.certificates.recheck import Recheck
 from verification.certificates.sets import Inclusion, Need, Space, Term, drawn_in
 from verification.checker.matrices import check_sets
 from verification.checker.reading import Rejected
+from workbench.contracts.claim import NotCertified
 from workbench.sets import Polytope, Zonotope, maximal_rpi
 
 TINY = Fraction(1, 10**30)
@@ -80,7 +80,7 @@ def test_an_inclusion_is_shown_where_the_corners_keep_it_and_nowhere_else(seed):
         false["polytopes"]["T"][row][1] = str(short[row])
         with pytest.raises(Rejected, match=f"row {row} of T must follow"):
             check_sets(false, made.proof)
-        with pytest.raises(NotShown, match=f"row {row} of T"):
+        with pytest.raises(NotCertified, match=f"row {row} of T"):
             shown(within(H, h, M, W, (H, short)))
 
 
@@ -97,7 +97,7 @@ def test_doubles_in_four_dimensions_agree_with_a_linear_program(seed):
         if holds:
             shown(Space(polytopes=polytopes, **space), claim)
         else:
-            with pytest.raises(NotShown):
+            with pytest.raises(NotCertified):
                 shown(Space(polytopes=polytopes, **space), claim)
 
 
@@ -114,7 +114,7 @@ def test_a_set_that_is_left_by_little_is_left(more, holds):
     if holds:
         shown(space, claim)
     else:
-        with pytest.raises(NotShown, match="row 2 of S was not seen to follow from S"):
+        with pytest.raises(NotCertified, match="row 2 of S was not seen to follow from S"):
             shown(space, claim)
 
 
@@ -137,7 +137,7 @@ def test_sets_without_an_end(inner, M, holds):
     if holds:
         shown(space, Inclusion("T", (), "S", "M"))
     else:
-        with pytest.raises(NotShown):
+        with pytest.raises(NotCertified):
             shown(space, Inclusion("T", (), "S", "M"))
 
 
@@ -155,7 +155,7 @@ def test_sums_reach_as_far_as_their_terms(times):
         if holds:
             space.certificate("It does.", [Inclusion("T", (term,))])
         else:
-            with pytest.raises(NotShown, match="from nothing"):
+            with pytest.raises(NotCertified, match="from nothing"):
                 space.certificate("It does.", [Inclusion("T", (term,))])
 
 
@@ -226,7 +226,7 @@ def test_what_is_changed_is_not_accepted(name):
 
 def test_a_wider_claim_needs_its_rows():
     space = within(*FLAT, [[1, 0], [0, 1]], NOTHING, BOX)
-    with pytest.raises(NotShown, match="row 2 of T"):
+    with pytest.raises(NotCertified, match="row 2 of T"):
         shown(space, Inclusion("T", (), "S", "M"))
 
 
@@ -250,7 +250,83 @@ def test_what_rounding_leaves_is_mended_by_little(seed):
     deep = drawn_in(S, needs)
     assert deep is not None and (deep > ins).all() and (S.h - deep >= 0).all()
     shown(made(S.h - deep), claim)
-    with pytest.raises(NotShown):  # far from invariant: rows are drawn in against what follows from what
+    with pytest.raises(NotCertified):  # far from invariant: rows are drawn in against what follows from what
         shown(made(S.h * np.where(np.arange(len(S.h)) % 2, 1, 0.5)), claim)
     far = [one._replace(bound=one.bound - 0.1) for one in needs]
     assert drawn_in(S, far, most=1e-9) is None
+
+
+NO_NUMBERS = ("inner", "outer", "of", "says", "map", "M", "^")
+
+
+def numbers_of(content, path=()):
+    """Go through the places of a certificate that hold a number, in text or not."""
+    if isinstance(content, (dict, list)):
+        for key, inner in content.items() if isinstance(content, dict) else enumerate(content):
+            yield from numbers_of(inner, (*path, key))
+    elif path[-1] not in NO_NUMBERS and content not in NO_NUMBERS:
+        yield path
+
+
+def replaced(content, path, value):
+    for step in path[:-1]:
+        content = content[step]
+    content[path[-1]] = value(content[path[-1]])
+
+
+def number(written):
+    return Fraction(*float.fromhex(written).as_integer_ratio()) if "0x" in written else Fraction(written)
+
+
+def fractions(lines):
+    return [[number(one) for one in line] for line in lines]
+
+
+def true(statement):
+    """Tell by corners whether what a statement with one sum of powers of M says is true."""
+    polytopes = statement["polytopes"].items()
+    sets = {name: [(fractions([row])[0], number(bound)) for row, bound in one] for name, one in polytopes}
+    M, ends = fractions(statement["matrices"]["M"]), fractions(statement["disturbances"]["W"])
+    (term,) = statement["claims"][0]["plus"]
+    points = corners(*zip(*sets["S"], strict=True))
+    assert points, "the mutated set must have corners"
+
+    def times(p, power):
+        for _ in range(power):
+            p = (M[0][0] * p[0] + M[0][1] * p[1], M[1][0] * p[0] + M[1][1] * p[1])
+        return p
+
+    for (p, q), bound in sets["T"]:
+        reach = max(p * x + q * y for x, y in (times(one, 1) for one in points))
+        for j in range(term["count"]):
+            moved = [times(one, j + term["left"][2] + term["right"][2]) for one in ends]
+            reach += p * moved[0][0] + q * moved[0][1] + sum(abs(p * x + q * y) for x, y in moved[1:])
+        if reach > bound:
+            return False
+    return True
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_mutant_that_is_accepted_is_true(seed):
+    H, h, M, W = drawn(seed)
+    made = shown(within(H, h, M, W, (H, [one + abs(one) / 100 for one in farthest(H, h, M, W, H)])))
+    random, accepted = np.random.default_rng(seed), 0
+    whole = {"statement": made.statement, "proof": made.proof}
+    places = list(numbers_of(whole))
+
+    def mutated(old):
+        if isinstance(old, int):
+            return max(0, old + int(random.integers(-1, 2)))
+        factor = Fraction(1) + Fraction(int(random.integers(-5, 6)), 10 ** int(random.integers(1, 12)))
+        return str(number(old) * factor)
+
+    for _ in range(250):
+        one = copy.deepcopy(whole)
+        replaced(one, places[random.integers(len(places))], mutated)
+        try:
+            check_sets(one["statement"], one["proof"])
+        except (Rejected, ValueError, TypeError, LookupError, ArithmeticError):
+            continue
+        assert true(one["statement"])
+        accepted += 1
+    assert 10 < accepted < 240

@@ -8,10 +8,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from verification.certificates.bounds import NotShown
 from verification.certificates.recheck import Recheck
 from verification.certificates.sets import Inclusion, Space
 from verification.checks import exact_tube
+from workbench.contracts.claim import NotCertified
 from workbench.sets import Polytope
 
 SHOWN = {
@@ -84,7 +84,7 @@ WRONG = {
 
 @pytest.mark.parametrize("name", sorted(WRONG))
 def test_nothing_is_shown_of_a_wrong_tube(brake_a, name):
-    with pytest.raises(NotShown):
+    with pytest.raises(NotCertified):
         SHOWN[name](WRONG[name](brake_a))
 
 
@@ -94,7 +94,7 @@ def test_a_weight_may_be_off_by_1e_9(brake_a, off, holds):
     if holds:
         assert exact_tube.equality(wrong).margin > 0
     else:
-        with pytest.raises(NotShown, match="not positive definite"):
+        with pytest.raises(NotCertified, match="not positive definite"):
             exact_tube.equality(wrong)
 
 
@@ -108,5 +108,5 @@ def test_a_row_that_is_too_narrow_by_more_than_rounding_is_not_mended(brake_a):
         if holds:
             assert exact_tube.invariant(wider).margin > 0
         else:
-            with pytest.raises(NotShown):
+            with pytest.raises(NotCertified):
                 exact_tube.invariant(wider)
