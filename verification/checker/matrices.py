@@ -1,4 +1,4 @@
-"""Statements about rational matrices and polytopes: loops that contract, and sets that lie in others."""
+"""Statements about rational matrices and polytopes: what is positive definite, and sets that lie in others."""
 
 from __future__ import annotations
 
@@ -47,20 +47,6 @@ def is_positive(matrix: fmpq_mat) -> bool:
     return bool(matrix == matrix.transpose())
 
 
-def check_loops(statement: object, proof: object) -> str:
-    """Check that matrices M contract in one norm x'Px: P - M'PM (``discrete``) or -(PM + M'P) is positive definite."""
-    says, form, given = record(statement, "says", "form", "matrices")
-    need(form in ("discrete", "continuous"), f"the form must be discrete or continuous, got {form!r:.20}")
-    loops = [_matrix(one) for one in rows(given)]
-    need(loops and len({n for one in loops for n in (one.nrows(), one.ncols())}) == 1, "matrices must be of one size")
-    norm = _matrix(record(proof, "norm")[0], loops[0].nrows(), loops[0].nrows())
-    need(is_positive(norm), "the norm must be positive definite")
-    for i, m in enumerate(loops):
-        falls = norm - m.transpose() * norm * m if form == "discrete" else -(norm * m + m.transpose() * norm)
-        need(is_positive(falls), f"matrix {i} must contract in the norm")
-    return f"{text(says)} ({len(loops)} matrices, {form}, contract in one quadratic norm.)"
-
-
 def _rows(given: object) -> list[Row]:
     found, width = [], None
     for one in rows(given):
@@ -85,6 +71,9 @@ def _follows(row: Row, by: list[Row], multipliers: object) -> bool:
 def _named(given: object) -> dict[str, fmpq_mat]:
     if not isinstance(given, dict):
         raise Rejected("matrices must be a record")
+    need(
+        all(name.isidentifier() and name != "I" for name in given), "a matrix must have one word as its name, and not I"
+    )
     return {text(name): _matrix(one) for name, one in given.items()}
 
 

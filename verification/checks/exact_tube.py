@@ -80,14 +80,18 @@ def raised(tube: Tube) -> Shown:
     except (ValueError, ArithmeticError) as error:
         raise NotCertified("no weight was found by which to raise P") from error
     says = (
-        "P+, which is P raised by less than e P, e being 1e-9 times I, meets (19), strictly: by a Schur complement the "
-        "matrix of (20) is positive definite, whatever root of Q stands in it."
+        "P_raised, which is P raised by less than e P, e being 1e-9 times I, meets (19), strictly: by a Schur "
+        "complement the matrix of (20) is positive definite, whatever root of Q stands in it."
     )
-    positive: list[Formula] = [("-", "P+", "P"), ("-", ("*", "e", "P"), ("-", "P+", "P")), _falls("P+")]
+    positive: list[Formula] = [
+        ("-", "P_raised", "P"),
+        ("-", ("*", "e", "P"), ("-", "P_raised", "P")),
+        _falls("P_raised"),
+    ]
     for halved in range(MOST_HALVED, 0, -1):
         higher = (tube.P + up / 2**halved).tolist()
         try:
-            certificate = definite(says, {**_costs(tube), "P+": higher, "e": _share(tube)}, positive)
+            certificate = definite(says, {**_costs(tube), "P_raised": higher, "e": _share(tube)}, positive)
         except NotCertified:
             continue
         return Shown(ROUNDING * (1 - 2.0**-halved), certificate)

@@ -91,6 +91,8 @@ BAD = {
     "another operation": {"says": "", "matrices": {"P": [["1"]]}, "positive": [["/", "P", "P"]]},
     "nested without end": {"says": "", "matrices": {"P": [["1"]]}, "positive": [["^", "P", 10**9]]},
     "too long": {"says": "", "matrices": {"P": [["1/3"]]}, "positive": [["^", ["^", ["^", "P", 999], 999], 999]]},
+    "a formula as a name": {"says": "", "matrices": {"Q - P": [["1"]]}, "positive": ["Q - P"]},
+    "what I stands for": {"says": "", "matrices": {"I": [["2"]]}, "positive": ["I"]},
     "ragged": {"says": "", "matrices": {"P": [["1", "0"], ["0"]]}, "positive": ["P"]},
     "nan": {"says": "", "matrices": {"P": [["nan"]]}, "positive": ["P"]},
     "a number": {"says": "", "matrices": {"P": [[1]]}, "positive": ["P"]},
