@@ -221,8 +221,8 @@ SLIPS = (
     ),
     Slip(
         where="verification.checks.exact_tube:raised",
-        stands=', _falls("P_raised")]',
-        slipped="]",
+        stands='_falls("P_raised"),',
+        slipped="",
         causes="(20) PROVED of any P",
         check=a_raised_weight_falls,
     ),
