@@ -14,9 +14,10 @@ from verification.checks.slope import slope
 from verification.enclosure.bounds import bound
 from verification.enclosure.box import Box
 from verification.enclosure.smoothness import continuous_on
+from verification.enclosure.tables import told, with_tables
 from workbench.contracts.claim import Held
 from workbench.contracts.finding import Finding, Grounds, undecided
-from workbench.graph import read
+from workbench.graph import Unreadable, read
 
 BUDGET = 300
 """Boxes spent on every entry of the Jacobian and band."""
@@ -35,7 +36,11 @@ def lipschitz(plant: Plant, lower: Sequence[float], upper: Sequence[float], band
     x = ca.SX.sym("x", len(plant.states))
     rhs = plant.slope(x, ca.SX.zeros(len(plant.inputs)), ca.SX.zeros(len(plant.disturbances)), 0)
     f = ca.Function("rhs", [x], [rhs], ["x"], ["f"])
-    smooth = continuous_on(f, Box({"x": (list(lower), list(upper))}))
+    try:
+        graph = with_tables(read(f))
+    except Unreadable as error:
+        return undecided(str(error))
+    smooth = continuous_on(graph, Box({"x": (list(lower), list(upper))}))
     for reach in smooth.reaches:
         if reach.operation.kind == "jump" and reach.reachable == "yes" and reach.point is not None:
             pair = _across(f, reach.point.midpoint()["x"].ravel(), [f"{one.unit}/s" for one in plant.states])
@@ -43,7 +48,7 @@ def lipschitz(plant: Plant, lower: Sequence[float], upper: Sequence[float], band
                 return pair
     if not smooth.proved:
         return undecided(f"continuity on the box could not be shown: {smooth.reason}")
-    graph, entries = read(f), np.zeros((x.numel(), x.numel()), dtype=float)
+    entries = np.zeros((x.numel(), x.numel()), dtype=float)
     for i, j in np.ndindex(*entries.shape):
         entry = slope(graph, "f", "x", i, j)
         for low, high in pairwise(bands):
@@ -55,7 +60,8 @@ def lipschitz(plant: Plant, lower: Sequence[float], upper: Sequence[float], band
         return undecided("an entry of the Jacobian could not be bounded on the box")
     return Finding(
         grounds=Grounds.ENCLOSURE,
-        method="outward-rounded interval bounds of the Jacobian's entries by branch and bound, f being continuous",
+        method="outward-rounded interval bounds of the Jacobian's entries by branch and bound, f being continuous"
+        + told(graph),
         holds=bool(np.isfinite(constant)),
         bound=constant,
         bound_unit="of df over dx in the maximum norm",
