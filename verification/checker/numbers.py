@@ -72,6 +72,11 @@ THEOREMS: Mapping[str, Theorem] = {
         ("slopes", "law"),
         [[">", "law: lambda", ["/", ["*", _REACH, _REACH], "4"]]],
     ),
+    "estimate_form": Theorem(
+        "The estimate moves by its formula, and the plan by that estimate.",
+        ("form", "law"),
+        [["<=", "law: eta", "1"], [">", "law: eta", "0"], [">", "law: mu", "0"], [">", "law: eps", "0"]],
+    ),
     "increment_funnel": Theorem(
         "In every trial each signal stays in its band, whatever the trial lengths and whatever the law estimates.",
         ("sets", "relative_degree_1", "no_filter", "plan_alone", "update_form", "positive_gain", "starts_given"),

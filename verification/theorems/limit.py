@@ -16,7 +16,7 @@ from models.quantity import InvalidValue
 from verification.certificates.numbers import numbers
 from verification.checks import limit
 from verification.checks.delayed import delayed_graph
-from verification.checks.estimate_form import estimate_form
+from verification.checks.estimate_form import certificate, estimate_form
 from verification.checks.settled import settled
 from verification.enclosure.box import Box
 from verification.enclosure.rounding import rounding
@@ -215,6 +215,7 @@ def _premises_of_the_conclusion(d: Dossier) -> Sequence[Claim]:
             source=f"{PAPER}, (12) to (15)",
             check=partial(_estimate_form, d),
             controller=d.controller,
+            certify=lambda found, premises: certificate(d.law, d.study.task(d.law)),
         ),
     )
 
