@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from flint import fmpq
 
@@ -20,8 +20,11 @@ from verification.checker.reading import exact, need, number, record, rows, text
 
 TINY = 2.0**-20
 """Share of a value that a mean value form may lose before its box is halved."""
+LONGEST = 200_000
+"""Cuts and pieces of a tree."""
 HALVED = 12
 """How often a box is halved at most."""
+Taken = dict[int, int | None]
 SIDES = {"above": (True, True), "at least": (True, False), "below": (False, True), "at most": (False, False)}
 
 
@@ -66,7 +69,8 @@ def read_set(given: object, graph: Graph) -> list[Coordinate]:
         need(span[0] <= span[1], f"a set must not be empty, {name} has {span}")
         need(type(is_whole) is bool, "a coordinate must say whether it is whole")
         need(
-            not is_whole or (span[0].is_integer() and span[1].is_integer()), f"{name} must have whole ends, got {span}"
+            not is_whole or all(end.is_integer() and abs(end) < 2**53 for end in span),
+            f"{name} must have whole ends below 2^53, got {span}",
         )
         found.append(Coordinate(name, text(unit), span, is_whole))
     return found
@@ -90,19 +94,20 @@ class Quantity:
         if method == "p":
             values = self.graph.enclose(self._plain, box, taken)
             return None if values[self.node] is None else values[self.goal]
-        return self._reduced(box, method, low)[0]
+        return self._reduced(box, method, low, {})[0]
 
-    def _reduced(self, box: Box, method: str, low: bool) -> tuple[Known, list[Span], int | None]:
+    def _reduced(self, box: Box, method: str, low: bool, decided: Taken) -> tuple[Known, list[Span], int | None, Taken]:
         """Return the end on a box, the box with coordinates moved to their worse ends, and which one is not monotone.
 
-        Of several that is the one over which the mean value form loses most; None where that is next to nothing.
+        Of several that is the one over which the mean value form loses most; None where that is next to nothing. Last
+        comes which branches are ``decided``, some of them already where the box is part of another.
         """
         self._sloped()
-        taken: dict[int, int | None] = {}
+        taken = dict(decided)
         values = self.graph.enclose(self._full, box, taken)
         reduced, moved = list(box), list(box)
         if values[self.node] is None or values[self.goal] is None:
-            return None, reduced, None
+            return None, reduced, None, decided
         change: Known = (0.0, 0.0)
         turning, most = None, 0.0
         for i, node in (self._steep or {}).items():
@@ -122,26 +127,27 @@ class Quantity:
                 change = None if change is None or by is None else add(change, by)
                 if by is not None and max(-by[0] if low else by[1], 0.0) > most:
                     turning, most = i, -by[0] if low else by[1]
-        kept: dict[int, int | None] = {k: branch for k, branch in taken.items() if branch is not None}
+        kept: Taken = {k: branch for k, branch in taken.items() if branch is not None}
         value = self.graph.enclose(self._again, moved, kept)[self.goal]
         if value is None or change is None:
-            return None, reduced, None
-        return add(value, change), reduced, turning if most > TINY * max(abs(value[0]), abs(value[1])) else None
+            return None, reduced, None, decided
+        large = most > TINY * max(abs(value[0]), abs(value[1]))
+        return add(value, change), reduced, turning if large else None, kept
 
     def tight(self, box: Box, *, low: bool) -> Known:
         """Return the end of a value on a box as :meth:`on` does, halving what is not monotone where it is worst."""
-        pieces = [self._reduced(box, "v", low)]
+        pieces = [self._reduced(box, "v", low, {})]
         for _ in range(HALVED):
             worst = min(pieces, key=lambda one: _end(one[0], low))
-            _, reduced, turning = worst
+            _, reduced, turning, kept = worst
             if turning is None:
                 break
             pieces.remove(worst)
             start, end = reduced[turning]
             cut = self._turn(reduced, turning)
             for half in ((start, cut), (cut, end)):
-                pieces.append(self._reduced([*reduced[:turning], half, *reduced[turning + 1 :]], "v", low))
-        return hull(*(span for span, _, _ in pieces))
+                pieces.append(self._reduced([*reduced[:turning], half, *reduced[turning + 1 :]], "v", low, kept))
+        return hull(*(one[0] for one in pieces))
 
     def _turn(self, box: list[Span], i: int) -> float:
         """Return where the slope along a coordinate may change its sign: by the secant of its ends, else the middle."""
@@ -149,7 +155,7 @@ class Quantity:
         ends = [self.graph.enclose(self._full, [*box[:i], (x, x), *box[i + 1 :]], {})[node] for x in (start, end)]
         a, b = (0.0 if one is None else one[0] / 2 + one[1] / 2 for one in ends)
         at = start + (end - start) * (a / (a - b)) if a * b < 0 else start / 2 + end / 2
-        return min(max(at, start), end)
+        return at if start <= at <= end else start
 
     def _sloped(self) -> None:
         if self._steep is None:
@@ -192,10 +198,11 @@ def keeps(span: Known, side: str, bound: float) -> bool:
     return (span[0] > bound if strict else span[0] >= bound) if low else span[1] < bound if strict else span[1] <= bound
 
 
-def walk(tree: object, coordinates: Sequence[Coordinate], leaf: Callable[[Box, str], bool]) -> int:
+def walk(tree: Any, coordinates: Sequence[Coordinate], leaf: Callable[[Box, str], bool]) -> int:
     """Walk a tree that is given in preorder, looking at every leaf; return how many there are."""
     stack, leaves = [tuple(one.span for one in coordinates)], 0
-    for token in rows(tree):
+    need(len(rows(tree)) <= LONGEST, f"a tree must have at most {LONGEST} parts")
+    for token in tree:
         need(stack, "the tree goes on behind its end")
         piece = stack.pop()
         if isinstance(token, str):
@@ -241,7 +248,7 @@ def check(statement: object, proof: object, graph: Graph) -> tuple[str, list[Sho
             f"a bound must be {', '.join(SIDES)}, got {kind!r:.40}",
         )
         if everywhere:
-            alone = kind == "continuous" or graph.depends[quantity.goal] <= set(wholes)
+            alone = (kind == "continuous" and by is None) or graph.depends[quantity.goal] <= set(wholes)
             need(alone and graph.everywhere(quantity.node, wholes), f"{what} is not seen to be {kind} everywhere")
         if kind != "continuous":
             walk(tree, box, partial(_keeps, quantity, kind, number(bound)))

@@ -58,7 +58,15 @@ class Store:
                 self._known[name] = self._check(name)
             except Rejected as error:
                 self._known[name] = error
-            except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
+            except (
+                ArithmeticError,
+                LookupError,
+                TypeError,
+                ValueError,
+                AttributeError,
+                RecursionError,
+                MemoryError,
+            ) as error:
                 self._known[name] = Rejected(f"it is malformed ({type(error).__name__}: {str(error)[:80]})")
         found = self._known[name]
         if isinstance(found, Rejected):

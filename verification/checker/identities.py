@@ -36,13 +36,13 @@ def check(statement: object, graph: Graph) -> str:
             if k in atoms
             else (context.constant(exact(args[0].hex())), one)
             if op == "const"
-            else _fraction(op, [known[a] for a in args], graph.nodes[args[-1]])
+            else _fraction(op, [known[a] for a in args], graph.nodes[args[-1]], one)
         )
         need(all(len(part) <= MOST for part in known[k]), "a polynomial has too many terms")
     for left, right in wanted:
         (a, b), (c, d) = known[left], known[right]
-        need(a * d == c * b, f"the two sides of {text(says)!r} differ")
-    return f"{says} (as rational functions of the coordinates, wherever both sides exist)."
+        need(times(a, d) == times(c, b), f"the two sides of {text(says)!r} differ")
+    return f"{text(says)} (as rational functions of the coordinates, wherever both sides exist)."
 
 
 def _place(given: object, graph: Graph) -> int:
@@ -52,23 +52,36 @@ def _place(given: object, graph: Graph) -> int:
     return graph.outputs[place]
 
 
-def _fraction(op: str, of: list[Fraction], last: Node) -> Fraction:
+def times(a: fmpq_mpoly, b: fmpq_mpoly) -> fmpq_mpoly:
+    """Return a product, unless it would be too large."""
+    digits = sum(max((one.p.bit_length() + one.q.bit_length() for one in p.coeffs()), default=0) for p in (a, b))
+    need(len(a) * len(b) <= 10 * MOST and digits <= MOST, "a polynomial has too many terms or digits")
+    need(a.total_degree() + b.total_degree() <= MOST, "a polynomial has too high a degree")
+    return a * b
+
+
+def arithmetic(op: str, of: list[Fraction]) -> Fraction | None:
+    """Return an operation on fractions, None where it is no arithmetic."""
     (a, b), (c, d) = of[0], of[-1]
-    if op in ("add", "sub"):
-        return (a + c, b) if b == d and op == "add" else (a - c, b) if b == d else _fraction_sum(op, a, b, c, d)
-    if op == "mul":
-        return a * c, b * d
-    if op == "div":
-        need(len(c), "an identity divides by 0")
-        return a * d, b * c
     if op == "neg":
         return -a, b
-    if op == "sq":
-        return a * a, b * b
+    if op in ("add", "sub"):
+        c = c if op == "add" else -c
+        return (a + c, b) if b == d else (times(a, d) + times(c, b), times(b, d))
+    if op in ("mul", "sq"):
+        return times(a, c), times(b, d)
+    if op == "div":
+        need(len(c), "a zero must not divide")
+        return times(a, d), times(b, c)
+    return None
+
+
+def _fraction(op: str, of: list[Fraction], last: Node, one: fmpq_mpoly) -> Fraction:
+    if (found := arithmetic(op, of)) is not None:
+        return found
     if last[0] == "const" and float(last[1]).is_integer() and 0 <= last[1] <= 32:
-        return a ** int(last[1]), b ** int(last[1])
+        power = one, one
+        for _ in range(int(last[1])):
+            power = times(power[0], of[0][0]), times(power[1], of[0][1])
+        return power
     raise Rejected("a power must have a whole exponent from 0 to 32")
-
-
-def _fraction_sum(op: str, a: fmpq_mpoly, b: fmpq_mpoly, c: fmpq_mpoly, d: fmpq_mpoly) -> Fraction:
-    return (a * d + c * b if op == "add" else a * d - c * b), b * d

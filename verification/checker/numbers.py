@@ -49,6 +49,7 @@ def check(statement: object) -> tuple[str, Facts]:
     says, given, relations = record(statement, "says", "facts", "holds")
     need(isinstance(given, dict), "facts must be a record of numbers with their units")
     pairs = {text(name): rows(one, 2) for name, one in sorted(given.items())}
+    need(not any(name[:1] in "+-.0123456789" for name in pairs), "a fact must have a name that is no number")
     facts = {name: exact(number) for name, (number, _) in pairs.items()}
     named = ", ".join(f"{name} = {number} {text(unit)}".rstrip() for name, (number, unit) in pairs.items())
     return f"{text(says)} For {related(relations, facts)}, with {named}.", facts

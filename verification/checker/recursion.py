@@ -55,7 +55,7 @@ def check_rows(statement: object, shown: Sequence[Shown | None], graph: Graph) -
     """Check that row sums are at most r (over earlier samples) and p (over all)."""
     _, samples, given, less, most = record(statement, "bounds", "samples", "weight", "r", "p")
     n, weight, r, p = whole(samples, 1, 10**7), number(given), number(less), number(most)
-    need(weight > 0, "the weight must be above 0")
+    need(weight > 0 and n * (len(graph.ports["x"]) + 1) ** 2 <= 10**7, "too many samples, or a weight of 0 or less")
     earlier, every = row_sums(shown, graph, n, weight)
     need(earlier <= r and every <= p, f"row sums must be smaller, they come to {earlier!r} and {every!r}")
     said = f"the sum of |dy(k)/du(j)| {weight!r}^(k-j) is at most {r!r} over j < k, and {p!r} over j <= k"
@@ -105,6 +105,7 @@ class Sets:
         states, start, by, count, others, plan, reference, noise, gain, self.bands = record(statement, *names)
         self.of = {name: i for i, name in enumerate(graph.coordinates)}
         need(sorted([*rows(states), by, count, *others]) == sorted(self.of), "every coordinate must have its part")
+        need(states == graph.ports["x"], f"the states must be those of the graph, {graph.ports['x']}")
         self.states, self.by, self.count, self.n = states, self.of[by], self.of[count], len(rows(plan))
         self.others = {self.of[name]: [span_of(one) for one in rows(ends)] for name, ends in others.items()}
         need(all(len(one) in (1, self.n) for one in self.others.values()), "ranges must be one, or one a sample")
@@ -116,6 +117,7 @@ class Sets:
         self.width = len(self.of) + len(graph.inner)
         at = {self.of[name]: sorted(number(cut) for cut in rows(given)) for name, given in cuts.items()}
         self.inner = [_Inner(graph, node, self.width, at) for node in graph.inner]
+        need(all(one.along != self.by for one in self.inner), "what depends on the input must not stand apart")
         self.next = [Quantity(graph, graph.outputs[f"next_{i}", 0, 0], None) for i in range(len(states))]
         self.gained = Quantity(graph, graph.outputs["gained", 0, 0], None)
         self.slope = Quantity(graph, self.gained.node, self.by)
