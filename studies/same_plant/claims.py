@@ -20,7 +20,7 @@ from studies.ato.claims import f_continuous
 from studies.same_plant.published import EXPECTED
 from verification.checks.linear_loop import incremental_pid, observed, positional_pid, spectral_radius
 from verification.decide.judge import Judge
-from verification.theorems import learning
+from verification.theorems import learning, learning_scores
 from workbench.contracts.claim import Claim, Role
 from workbench.contracts.examination import Examination, Table
 from workbench.contracts.finding import Finding, Grounds, Standing, undecided
@@ -56,7 +56,7 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
         claims=claims,
         conclude=partial(_conclude, campaign),
         tables=partial(_tables, campaign, claims),
-        scores=partial(learning.scores, ran, files),
+        scores=partial(learning_scores.scores, ran, files),
         expectations=EXPECTED,
     )
 
