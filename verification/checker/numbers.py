@@ -62,7 +62,24 @@ class Theorem(NamedTuple):
     relations: list[object]
 
 
-THEOREMS: Mapping[str, Theorem] = {}
+_EFFECT = "slopes: d effect[0,0] / d u"
+THEOREMS: Mapping[str, Theorem] = {
+    "effect": Theorem("The input reaches the effect.", ("slopes",), [[">", ["*", _EFFECT, _EFFECT], "0"]]),
+    "contraction": Theorem(
+        "For every gain from low to high, 1 - gain b lies between -1 and 1, b the effect's slope along the input.",
+        ("slopes", "gain"),
+        [
+            [sign, ["*", _EFFECT, f"gain: {end}"], edge]
+            for end in ("low", "high")
+            for sign, edge in ((">", "0"), ("<", "2"))
+        ],
+    ),
+    "shrinking": Theorem(
+        "For every gain from low to high, 1 - gain lies between -1 and 1.",
+        ("identity", "gain"),
+        [[">", "gain: low", "0"], ["<", "gain: high", "2"]],
+    ),
+}
 
 
 def check_theorem(statement: object, shown: Mapping[str, tuple[str, Facts]]) -> tuple[str, Facts]:

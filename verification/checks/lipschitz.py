@@ -10,11 +10,13 @@ import numpy as np
 
 from models.array import Array
 from models.plant import Plant
+from verification.certificates.bounds import Ask, NotShown, bounds, looser
 from verification.checks.slope import slope
 from verification.enclosure.bounds import bound
 from verification.enclosure.box import Box
 from verification.enclosure.smoothness import continuous_on
-from workbench.contracts.claim import Held
+from workbench.contracts.certificate import Certificate
+from workbench.contracts.claim import Held, NotCertified
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.graph import read
 
@@ -32,9 +34,7 @@ def lipschitz(plant: Plant, lower: Sequence[float], upper: Sequence[float], band
     A function that is continuous on the box and differentiable but for kinks is Lipschitz with the largest row sum
     of |df/dx| (maximum norm). A jump inside the box refutes it: the witness is a pair of states across the jump.
     """
-    x = ca.SX.sym("x", len(plant.states))
-    rhs = plant.slope(x, ca.SX.zeros(len(plant.inputs)), ca.SX.zeros(len(plant.disturbances)), 0)
-    f = ca.Function("rhs", [x], [rhs], ["x"], ["f"])
+    f = _right_hand_side(plant)
     smooth = continuous_on(f, Box({"x": (list(lower), list(upper))}))
     for reach in smooth.reaches:
         if reach.operation.kind == "jump" and reach.reachable == "yes" and reach.point is not None:
@@ -43,7 +43,7 @@ def lipschitz(plant: Plant, lower: Sequence[float], upper: Sequence[float], band
                 return pair
     if not smooth.proved:
         return undecided(f"continuity on the box could not be shown: {smooth.reason}")
-    graph, entries = read(f), np.zeros((x.numel(), x.numel()), dtype=float)
+    graph, entries = read(f), np.zeros((len(lower), len(lower)), dtype=float)
     for i, j in np.ndindex(*entries.shape):
         entry = slope(graph, "f", "x", i, j)
         for low, high in pairwise(bands):
@@ -61,6 +61,27 @@ def lipschitz(plant: Plant, lower: Sequence[float], upper: Sequence[float], band
         bound_unit="of df over dx in the maximum norm",
         witness={"bounds_of_the_jacobian": entries, "lower": list(lower), "upper": list(upper)},
     )
+
+
+def certified(plant: Plant, finding: Finding, premises: Mapping[str, Certificate]) -> Certificate:
+    """Return the certificate of the bounds of all slopes of a plant's right-hand side, which f being Lipschitz means.
+
+    Raises NotCertified where the checker's rules do not show them.
+    """
+    witness = finding.witness or {}
+    entries = np.asarray(witness["bounds_of_the_jacobian"], dtype=float)
+    box = Box({"x": (witness["lower"], witness["upper"])})
+    graph = read(_right_hand_side(plant))
+    labels = graph.labels()
+    asks = [
+        Ask(("f", i, 0), labels[j], side, looser(sign * float(entries[i, j]), side))
+        for i, j in np.ndindex(*entries.shape)
+        for sign, side in ((-1, "at least"), (1, "at most"))
+    ]
+    try:
+        return bounds(graph, box, dict(zip(labels, (one.unit for one in plant.states), strict=True)), asks)
+    except NotShown as error:
+        raise NotCertified(str(error)) from None
 
 
 def jump_at(plant: Plant, witness: Mapping[str, object]) -> float:
