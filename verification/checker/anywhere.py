@@ -55,5 +55,5 @@ def check(statement: object, graph: Graph) -> tuple[str, dict[str, fmpq]]:
     need(nodes, f"the graph must have what is spoken of, got {of!r:.40}")
     found, ends = ranges(graph, nodes), (number(low), number(high))
     need(all(ends[0] <= found[k][0] and found[k][1] <= ends[1] for k in nodes), f"{of} must lie between its ends")
-    said = f"Whatever the coordinates, each of {len(nodes)} entries of {of} lies in {list(ends)} where it exists."
-    return f"{text(says)} {said}", {"low": exact(low), "high": exact(high)}
+    said = f"whatever the coordinates, each of {len(nodes)} entries of {of} lies in {list(ends)} where it exists"
+    return f"{text(says)} ({said}.)", {"low": exact(low), "high": exact(high)}

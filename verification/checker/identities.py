@@ -32,7 +32,7 @@ def check(statement: object, graph: Graph) -> tuple[str, dict[str, fmpq]]:
         if isinstance(number, fmpq):
             facts[left] = number
     same = "; ".join(f"{left} = {right}" for (left, _), (right, _) in given)
-    return f"{text(says)} For {same}, as fractions of polynomials, whatever the coordinates, where both exist.", facts
+    return f"{text(says)} ({same}, as fractions of polynomials, whatever the coordinates, where both exist.)", facts
 
 
 def fractions(graph: Graph, sides: Sequence[int | fmpq]) -> list[Fraction]:

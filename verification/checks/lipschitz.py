@@ -22,6 +22,8 @@ from workbench.graph import read
 
 BUDGET = 300
 """Boxes spent on every entry of the Jacobian and band."""
+TOLERANCE = 1e-2
+"""Share to which a bound of an entry is sought, and by which it is certified wider."""
 PAIRS = 2000
 """Pairs of states that a proved constant is held against."""
 CONTINUOUS = 1e-9
@@ -48,7 +50,7 @@ def lipschitz(plant: Plant, lower: Sequence[float], upper: Sequence[float], band
         entry = slope(graph, "f", "x", i, j)
         for low, high in pairwise(bands):
             box = Box({"x": ([*lower[:-1], low], [*upper[:-1], high])})
-            found = bound(entry, box, budget=BUDGET, tolerance=1e-2)
+            found = bound(entry, box, budget=BUDGET, tolerance=TOLERANCE)
             entries[i, j] = max(float(entries[i, j]), -found.lower, found.upper)
     constant = float(entries.sum(axis=1).max())
     if not np.isfinite(constant):
@@ -70,11 +72,12 @@ def certified(plant: Plant, finding: Finding, premises: Mapping[str, Certificate
     """
     witness = finding.witness or {}
     entries = np.asarray(witness["bounds_of_the_jacobian"], dtype=float)
-    box = Box({"x": (witness["lower"], witness["upper"])})
+    low, high = (np.asarray(witness[end], dtype=float) for end in ("lower", "upper"))
+    box = Box({"x": (low, high)})
     graph = read(_right_hand_side(plant))
     labels = graph.labels()
     asks = [
-        Ask(("f", i, 0), labels[j], side, looser(sign * float(entries[i, j]), side))
+        Ask(("f", i, 0), labels[j], side, looser(sign * float(entries[i, j]), side, TOLERANCE))
         for i, j in np.ndindex(*entries.shape)
         for sign, side in ((-1, "at least"), (1, "at most"))
     ]
