@@ -12,6 +12,7 @@ from verification.checker.graph import Graph as Checked
 from verification.checker.reading import Rejected
 from verification.enclosure.box import Box
 from workbench.contracts.certificate import Certificate, Json, hashed
+from workbench.contracts.claim import NotCertified
 from workbench.graph import Graph, to_json
 
 SPARE = 1e-6
@@ -34,10 +35,6 @@ class Ask(NamedTuple):
     bound: float | None = None
 
 
-class NotShown(Exception):
-    """No certificate was found."""
-
-
 def looser(bound: float, side: str, spare: float = SPARE) -> float:
     """Return a bound a little wider, so that it is shown in few pieces."""
     off = spare * abs(bound)
@@ -45,7 +42,7 @@ def looser(bound: float, side: str, spare: float = SPARE) -> float:
 
 
 def bounds(graph: Graph, box: Box, units: Mapping[str, str], asks: Sequence[Ask]) -> Certificate:
-    """Return the certificate of what is asked. Raises NotShown where the checker's rules do not show it."""
+    """Return the certificate of what is asked. Raises NotCertified where the checker's rules do not show it."""
     content = plain(graph)
     given = set_of(graph, box, units)
     try:
@@ -59,11 +56,11 @@ def bounds(graph: Graph, box: Box, units: Mapping[str, str], asks: Sequence[Ask]
             leaf = continuous(quantity) if ask.bound is None else bounded(quantity, ask.side, ask.bound)
             found = tree(quantity, coordinates, leaf)
             if found is None:
-                raise NotShown(f"no tree of pieces was found for {ask}")
+                raise NotCertified(f"no tree of pieces was found for {ask}")
             trees.append(found)
             claims.append({"of": list(ask.of), "by": ask.by, "is": ask.side, "bound": _hex(ask.bound)})
     except Rejected as error:
-        raise NotShown(str(error)) from None
+        raise NotCertified(str(error)) from None
     name = hashed(content)
     return Certificate(
         kind="bounds",

@@ -64,7 +64,7 @@ def _cut(quantity: Quantity, box: Sequence[Coordinate], piece: Sequence[Span]) -
     best, most = None, -1.0
     graph, goal = quantity.graph, quantity.goal
     steep = {i: graph.slope(goal, i) for i in sorted(graph.depends[goal] | graph.depends[quantity.node])}
-    values = graph.enclose(graph.ancestors(steep.values()), piece, {})
+    values = graph.enclose(graph.plan(steep.values()), piece, {})
     for i, node in steep.items():
         low, high = piece[i]
         middle = low / 2 + high / 2

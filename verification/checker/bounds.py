@@ -7,14 +7,21 @@ the enclosed slope times (x - c).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
-from verification.checker.graph import Box, Graph
-from verification.checker.interval import Known, Span, add, mul, outward
-from verification.checker.reading import need, number, record, rows, text, whole
+from flint import fmpq
 
+from verification.checker.graph import Box, Graph
+from verification.checker.interval import Known, Span, add, hull, mul, outward
+from verification.checker.reading import exact, need, number, record, rows, text, whole
+
+TINY = 2.0**-20
+"""Share of a value that a mean value form may lose before its box is halved."""
+HALVED = 12
+"""How often a box is halved at most."""
 SIDES = {"above": (True, True), "at least": (True, False), "below": (False, True), "at most": (False, False)}
 
 
@@ -40,11 +47,13 @@ class Shown(NamedTuple):
     side: str
     bound: float
 
-    @property
-    def name(self) -> str:
-        """What it is a bound of, and which: ``d y[0,0] / d force at least``."""
-        what = f"{self.of[0]}[{self.of[1]},{self.of[2]}]"
-        return f"{what if self.by is None else f'd {what} / d {self.by}'} {self.side}"
+
+def ends(shown: Sequence[Shown | None], of: tuple[str, int, int], by: str | None) -> dict[str, fmpq]:
+    """Return the ends ``low`` and ``high`` that bounds give a quantity, as far as there are some."""
+    held = [one for one in shown if one and (one.of, one.by) == (of, by)]
+    low = [exact(one.bound.hex()) for one in held if SIDES[one.side][0]]
+    high = [exact(one.bound.hex()) for one in held if not SIDES[one.side][0]]
+    return ({"low": max(low)} if low else {}) | ({"high": min(high)} if high else {})
 
 
 def read_set(given: object, graph: Graph) -> list[Coordinate]:
@@ -69,10 +78,10 @@ class Quantity:
     def __init__(self, graph: Graph, node: int, along: int | None, wholes: Sequence[int] = ()) -> None:
         self.graph, self.node, self.along = graph, node, along
         self.goal = node if along is None else graph.slope(node, along)
-        self._plain = graph.ancestors({node, self.goal})
-        self._again = graph.ancestors({self.goal})
+        self._plain = graph.plan({node, self.goal})
+        self._again = graph.plan({self.goal})
         self._steep: dict[int, int] | None = None
-        self._full: list[int] = []
+        self._full = self._plain
         self._wholes = frozenset(wholes)
 
     def on(self, box: Box, method: str, *, low: bool) -> Known:
@@ -81,33 +90,61 @@ class Quantity:
         if method == "p":
             values = self.graph.enclose(self._plain, box, taken)
             return None if values[self.node] is None else values[self.goal]
+        return self._reduced(box, method, low)[0]
+
+    def _reduced(self, box: Box, method: str, low: bool) -> tuple[Known, list[Span], int | None]:
+        """Return the end on a box, the box with coordinates moved to their worse ends, and which one is not monotone.
+
+        Of several that is the one over which the mean value form loses most; None where that is next to nothing.
+        """
         self._sloped()
+        taken: dict[int, int | None] = {}
         values = self.graph.enclose(self._full, box, taken)
+        reduced, moved = list(box), list(box)
         if values[self.node] is None or values[self.goal] is None:
-            return None
-        reduced: list[Span] = list(box)
+            return None, reduced, None
         change: Known = (0.0, 0.0)
+        turning, most = None, 0.0
         for i, node in (self._steep or {}).items():
             (start, end), span = box[i], values[node]
             if start == end or span is None:
                 continue
             if span[0] >= 0 or span[1] <= 0:
                 worse = start if (span[0] >= 0) == low else end
-                reduced[i] = (worse, worse)
+                reduced[i] = moved[i] = (worse, worse)
             elif method == "v":
                 middle = min(max(start / 2 + end / 2, start), end)
-                reduced[i] = (middle, middle)
+                moved[i] = (middle, middle)
                 off = outward(start - middle, end - middle)
-                moved = None if off is None else mul(span, off)
-                change = None if change is None or moved is None else add(change, moved)
+                by = None if off is None else mul(span, off)
+                change = None if change is None or by is None else add(change, by)
+                if by is not None and by[1] > most:
+                    turning, most = i, by[1]
         kept: dict[int, int | None] = {k: branch for k, branch in taken.items() if branch is not None}
-        at = self.graph.enclose(self._again, reduced, kept)[self.goal]
-        return None if at is None or change is None else add(at, change)
+        at = self.graph.enclose(self._again, moved, kept)[self.goal]
+        if at is None or change is None:
+            return None, reduced, None
+        return add(at, change), reduced, turning if most > TINY * max(abs(at[0]), abs(at[1])) else None
+
+    def tight(self, box: Box, *, low: bool) -> Known:
+        """Return the end of a value on a box as :meth:`on` does, halving what is not monotone where it is worst."""
+        pieces = [self._reduced(box, "v", low)]
+        for _ in range(HALVED):
+            worst = min(pieces, key=lambda one: _end(one[0], low))
+            _, reduced, turning = worst
+            if turning is None:
+                break
+            pieces.remove(worst)
+            start, end = reduced[turning]
+            middle = min(max(start / 2 + end / 2, start), end)
+            for half in ((start, middle), (middle, end)):
+                pieces.append(self._reduced([*reduced[:turning], half, *reduced[turning + 1 :]], "v", low))
+        return hull(*(span for span, _, _ in pieces))
 
     def _sloped(self) -> None:
         if self._steep is None:
             self._steep = {i: self.graph.slope(self.goal, i) for i in sorted(self.graph.depends[self.goal])}
-            self._full = self.graph.ancestors({self.node, self.goal, *self._steep.values()})
+            self._full = self.graph.plan({self.node, self.goal, *self._steep.values()})
 
     def continuous(self, box: Box) -> bool:
         """Tell whether the value exists and is continuous on a box; of a slope: the derivative does and is.
@@ -122,7 +159,7 @@ class Quantity:
             return False
         if any(values[slope] is None for i, slope in (self._steep or {}).items() if i not in self._wholes):
             return False
-        return self.along is None or not any(self._kinks(k, values) for k in self._again)
+        return self.along is None or not any(self._kinks(k, values) for k, *_ in self._again.steps)
 
     def _kinks(self, k: int, values: dict[int, Known]) -> bool:
         op, *args = self.graph.nodes[k]
@@ -130,6 +167,11 @@ class Quantity:
             return False
         a, b = (values[arg] for arg in args[:2])
         return a is None or b is None or not (a[0] > b[1] or a[1] < b[0])
+
+
+def _end(span: Known, low: bool) -> float:
+    """Return what ranks pieces: the worst end first, what is not known before all."""
+    return -math.inf if span is None else span[0] if low else -span[1]
 
 
 def keeps(span: Known, side: str, bound: float) -> bool:

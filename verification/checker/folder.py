@@ -17,7 +17,6 @@ from verification.checker.reading import (
     Rejected,
     Unknown,
     Unusable,
-    exact,
     hashed,
     loaded,
     need,
@@ -34,6 +33,7 @@ class Shown(NamedTuple):
     sentence: str
     facts: Mapping[str, fmpq] = {}
     bounds: Sequence[bounds.Shown | None] = ()
+    graph: Graph | None = None
 
 
 class Answer(NamedTuple):
@@ -85,11 +85,15 @@ class Store:
             if kind in ("identity", "range"):
                 sentence, facts = (identities if kind == "identity" else anywhere).check(rest, self._graph(graph))
                 return Shown(of + sentence, facts)
-            sentence, found = bounds.check(rest, proof, self._graph(graph))
-            return Shown(of + sentence, {one.name: exact(one.bound.hex()) for one in found if one}, found)
+            checked = self._graph(graph)
+            sentence, found = bounds.check(rest, proof, checked)
+            about = {(one.of, one.by) for one in found if one}
+            return Shown(of + sentence, bounds.ends(found, *about.pop()) if len(about) == 1 else {}, found, checked)
         if kind == "rows":
             slopes = self.shown(text(statement["bounds"]))
-            sentence, facts = recursion.check_rows(statement, slopes.bounds)
+            if slopes.graph is None:
+                raise Rejected("row sums must rest on bounds")
+            sentence, facts = recursion.check_rows(statement, slopes.bounds, slopes.graph)
             return Shown(f"{sentence} Its set and slopes: {slopes.sentence}", facts)
         if kind == "theorem":
             shown = {text(key): self.shown(text(one)) for key, one in statement["premises"].items()}

@@ -10,11 +10,11 @@ not decide) has no slope; boxes are closed, so a switching point lies in one and
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from flint import fmpq
 
-from verification.checker.interval import NONE, RULES, STEPS, Known, Span, hull, truth
+from verification.checker.interval import NONE, RULES, STEPS, Known, Rule, Span, hull, truth
 from verification.checker.reading import Unknown, exact, need, number, record, rows, text, whole
 
 GRAPH = "workbench.graph/1"
@@ -25,11 +25,19 @@ ZERO, ONE = ("const", 0.0), ("const", 1.0)
 Box = Sequence[Span]
 
 
+class Plan(NamedTuple):
+    """How nodes are enclosed: constants, places of inputs, and operations with their arguments, in order."""
+
+    constants: dict[int, Span]
+    inputs: list[tuple[int, int]]
+    steps: list[tuple[int, Rule | None, str, int, int, list[int]]]
+
+
 class Graph:
     """Nodes of which no two are equal, arguments first. It grows as slopes are asked for.
 
-    ``outputs`` names the nodes of results, ``coordinates`` the inputs in their order. Given nodes that are ``apart``
-    depend on one coordinate each, and are coordinates of their own besides; ``inner`` holds what they are.
+    ``outputs`` names the nodes of results, ``coordinates`` the inputs in their order, ``ports`` those of each port.
+    Nodes that are ``apart`` depend on one coordinate each; they become coordinates too, ``inner`` holds what they are.
     """
 
     def __init__(self, content: object, apart: Sequence[int] = ()) -> None:
@@ -40,9 +48,11 @@ class Graph:
         if tables or lookups:
             raise Unknown("a lookup table has no rule here")
         self.coordinates: list[str] = []
+        self.ports: dict[str, list[str]] = {}
         for port in rows(inputs):
-            _, _, places, labels = record(port, "name", "shape", "places", "labels")
-            self.coordinates += [text(label) for label in rows(labels, len(rows(places)))]
+            name, _, places, labels = record(port, "name", "shape", "places", "labels")
+            self.ports[text(name)] = [text(label) for label in rows(labels, len(rows(places)))]
+            self.coordinates += self.ports[name]
         need(len(set(self.coordinates)) == len(self.coordinates), "coordinates must have names of their own")
         self.nodes: list[Node] = []
         self.depends: list[frozenset[int]] = []
@@ -210,27 +220,38 @@ class Graph:
             stack += fresh
         return sorted(found)
 
-    def enclose(self, plan: Sequence[int], box: Box, taken: dict[int, int | None]) -> dict[int, Known]:
-        """Enclose the nodes of a plan on a box; ``taken`` keeps which branches it decides.
+    def plan(self, targets: Iterable[int]) -> Plan:
+        """Return how nodes are enclosed, with all that they are made of."""
+        wanted = [(k, *self.nodes[k]) for k in self.ancestors(targets)]
+        return Plan(
+            {k: (args[0], args[0]) for k, op, *args in wanted if op == "const"},
+            [(k, args[0]) for k, op, *args in wanted if op == "input"],
+            [
+                (k, RULES.get(op), op, args[0], args[-1], args)
+                for k, op, *args in wanted
+                if op not in ("const", "input")
+            ],
+        )
+
+    @staticmethod
+    def enclose(plan: Plan, box: Box, taken: dict[int, int | None]) -> dict[int, Known]:
+        """Enclose nodes on a box; ``taken`` keeps which branches it decides.
 
         A part of a box must be given what was decided on the whole: on its edge it might decide otherwise, and be no
         part of the same smooth quantity.
         """
-        values: dict[int, Known] = {}
-        for k in plan:
-            op, *args = self.nodes[k]
-            if op == "input":
-                values[k] = box[args[0]]
-            elif op == "const":
-                values[k] = (args[0], args[0])
-            elif op in RULES:
-                of = [values[a] for a in args]
-                values[k] = None if None in of else RULES[op](*of)
-            else:
-                of = [values[a] for a in args]
+        values: dict[int, Known] = dict(plan.constants)
+        for k, i in plan.inputs:
+            values[k] = box[i]
+        for k, rule, op, first, last, args in plan.steps:
+            if rule is None:
+                of = [values[arg] for arg in args]
                 if k not in taken:
                     taken[k] = _decided(op, of)
                 values[k] = _chosen(op, of, taken[k])
+                continue
+            a, b = values[first], values[last]
+            values[k] = None if a is None or b is None else rule(a) if len(args) == 1 else rule(a, b)
         return values
 
 

@@ -70,6 +70,8 @@ def div(a: Span, b: Span) -> Known:
     """Return a / b."""
     if b[0] <= 0 <= b[1]:
         return None
+    if a == NONE or b == ALL:
+        return a
     four = a[0] / b[0], a[0] / b[1], a[1] / b[0], a[1] / b[1]
     return outward(min(four), max(four))
 
@@ -82,6 +84,8 @@ def magnitude(a: Span) -> Span:
 def square(a: Span) -> Known:
     """Return a a."""
     low, high = magnitude(a)
+    if high == 0 or low == high == 1:
+        return low, high
     found = outward(low * low, high * high)
     return found and (max(found[0], 0.0), found[1])
 

@@ -62,6 +62,9 @@ class Theorem(NamedTuple):
     relations: list[object]
 
 
+_SIZE = ["max", "slopes: high", ["-", "0", "slopes: low"]]
+_REACH = ["*", ["*", "law: rho", "law: unit"], _SIZE]
+_ALIKE = ("same_but_for_the_input", "no_noise", "no_actuator", "plan_alone", "no_filter", "relative_degree_1")
 _EFFECT = "slopes: d effect[0,0] / d u"
 THEOREMS: Mapping[str, Theorem] = {
     "effect": Theorem("The input reaches the effect.", ("slopes",), [[">", ["*", _EFFECT, _EFFECT], "0"]]),
@@ -78,6 +81,24 @@ THEOREMS: Mapping[str, Theorem] = {
         "For every gain from low to high, 1 - gain lies between -1 and 1.",
         ("identity", "gain"),
         [[">", "gain: low", "0"], ["<", "gain: high", "2"]],
+    ),
+    "lambda_min": Theorem(
+        "Lambda exceeds (rho b)^2/4, b the largest slope.",
+        ("slopes", "law"),
+        [[">", "law: lambda", ["/", ["*", _REACH, _REACH], "4"]]],
+    ),
+    "increment_funnel": Theorem(
+        "In every trial each signal stays in its band, whatever the trial lengths and whatever the law estimates.",
+        ("sets", "relative_degree_1", "no_filter", "plan_alone", "update_form", "positive_gain", "starts_given"),
+        [[">=", "sets: l_max", "positive_gain: largest learning gain"]],
+    ),
+    "increments": Theorem(
+        "For every positive estimate max |u* - u| weight^k falls from trial to trial.",
+        ("rows", "law", *_ALIKE, "positive_estimate", "scope_holds_disturbances", "follows"),
+        [
+            ["<", "rows: r", "rows: low"],
+            ["<", ["*", "law: l_max", ["+", "rows: high", "rows: r"]], "2"],
+        ],
     ),
 }
 

@@ -8,52 +8,59 @@ from itertools import pairwise
 
 from flint import fmpq
 
-from verification.checker.bounds import Quantity, Shown
+from verification.checker.bounds import Quantity, Shown, ends
 from verification.checker.graph import Graph
-from verification.checker.interval import INF, Known, Span, hull, mul
-from verification.checker.reading import Rejected, exact, need, number, record, rows, text, whole
+from verification.checker.interval import INF, Known, Span, hull
+from verification.checker.reading import Rejected, exact, need, number, record, rows, whole
 
 
 def _up(value: float) -> float:
     return math.nextafter(value, INF)
 
 
-def check_rows(statement: object, shown: Sequence[Shown | None]) -> tuple[str, dict[str, fmpq]]:
-    """Check that sum over j <= k of |dy(k)/du(j)| weight^(k-j) is at most p, for k = 0..N-1.
+def row_sums(shown: Sequence[Shown | None], graph: Graph, samples: int, weight: float) -> Span:
+    """Return bounds of sum over j < k, and over j <= k, of |dy(k)/du(j)| weight^(k-j), for k = 0..N-1.
 
     With |dx+/dx| <= A, |dx+/du| <= B, |dy/dx| <= C and |dy/du| <= b over a convex set, sums over earlier inputs are at
-    most C R(k), where R(k+1) = weight (A R(k) + B) and R(0) = 0.
+    most C R(k), where R(k+1) = weight (A R(k) + B) and R(0) = 0; u is the first input.
     """
-    _, states, by, samples, given, most = record(statement, "bounds", "states", "input", "samples", "weight", "p")
-    n, weight, p = whole(samples, 1, 10**7), number(given), number(most)
-    need(weight >= 0, "the weight must be at least 0")
 
-    def size(of: str, row: int, along: object) -> float:
-        held = [one for one in shown if one and one.of == (of, row, 0) and one.by == along]
-        low = [one.bound for one in held if one.side in ("above", "at least")]
-        high = [one.bound for one in held if one.side in ("below", "at most")]
-        need(low and high, f"the slope of {of}[{row}] along {along} must be bounded on both sides")
-        return max(-max(low), min(high), 0.0)
+    def size(of: str, row: int, along: str) -> float:
+        held = ends(shown, (of, row, 0), along)
+        need(len(held) == 2, f"the slope of {of}[{row}] along {along} must be bounded on both sides")
+        return _up(max(-float(held["low"]), float(held["high"]), 0.0))
 
-    names = [text(one) for one in rows(states)]
-    a = [[size("x_next", i, one) for one in names] for i in range(len(names))]
-    b, c = [size("x_next", i, by) for i in range(len(names))], [size("y", 0, one) for one in names]
-    own, reach, largest = size("y", 0, by), [0.0] * len(names), 0.0
-    for _ in range(n):
-        total = 0.0
-        for one, far in zip(c, reach, strict=True):
-            total = _up(total + _up(one * far))
-        largest = max(largest, _up(total + own))
-        after = []
-        for line, more in zip(a, b, strict=True):
-            moved = 0.0
-            for one, far in zip(line, reach, strict=True):
-                moved = _up(moved + _up(one * far))
-            after.append(_up(weight * _up(moved + more)))
-        reach = after
-    need(largest <= p, f"row sums must be at most {p!r}, they come to {largest!r}")
-    said = f"the sum over j <= k of |dy(k)/d{by}(j)| {weight!r}^(k-j) is at most {p!r}"
-    return f"In trials of {n} samples that stay in the set {said}.", {"p": exact(most)}
+    states, (by, *_) = graph.ports["x"], graph.ports["u"]
+    results = [("y", 0, 0), *(("x_next", i, 0) for i in range(len(states)))]
+    moved = {graph.coordinates[i] for of in results for i in graph.depends[graph.outputs[of]]}
+    moved -= {*states, by, *graph.ports["k"], *graph.ports["w"], *graph.ports.get("later_w", ())}
+    need(not moved and len(graph.outputs) == len(results), f"nothing else may move the output, got {moved}")
+    a = [[size("x_next", i, one) for one in states] for i in range(len(states))]
+    b, c = [size("x_next", i, by) for i in range(len(states))], [size("y", 0, one) for one in states]
+    own, reach, largest = size("y", 0, by), [0.0] * len(states), 0.0
+    for _ in range(samples):
+        largest = max(largest, _product(c, reach))
+        reach = [_up(weight * _up(_product(line, reach) + more)) for line, more in zip(a, b, strict=True)]
+    return largest, _up(largest + own)
+
+
+def _product(line: Sequence[float], reach: Sequence[float]) -> float:
+    total = 0.0
+    for one, far in zip(line, reach, strict=True):
+        total = _up(total + _up(one * far))
+    return total
+
+
+def check_rows(statement: object, shown: Sequence[Shown | None], graph: Graph) -> tuple[str, dict[str, fmpq]]:
+    """Check that row sums are at most r (over earlier samples) and p (over all)."""
+    _, samples, given, less, most = record(statement, "bounds", "samples", "weight", "r", "p")
+    n, weight, r, p = whole(samples, 1, 10**7), number(given), number(less), number(most)
+    need(weight > 0, "the weight must be above 0")
+    earlier, every = row_sums(shown, graph, n, weight)
+    need(earlier <= r and every <= p, f"row sums must be smaller, they come to {earlier!r} and {every!r}")
+    said = f"the sum of |dy(k)/du(j)| {weight!r}^(k-j) is at most {r!r} over j < k, and {p!r} over j <= k"
+    facts = {"r": exact(less), "p": exact(most)} | ends(shown, ("y", 0, 0), graph.ports["u"][0])
+    return f"In trials of {n} samples that stay in the set {said}.", facts
 
 
 class _Inner:
@@ -77,7 +84,7 @@ class _Inner:
 
 
 def _ends(quantity: Quantity, box: Sequence[Span]) -> Known:
-    low, high = (quantity.on(box, "v", low=side) for side in (True, False))
+    low, high = (quantity.tight(box, low=side) for side in (True, False))
     return None if low is None or high is None else (low[0], high[1])
 
 
@@ -85,6 +92,67 @@ def _sure(span: Known, k: int, what: str) -> Span:
     if span is None:
         raise Rejected(f"sample {k}: {what} is not known to exist")
     return span
+
+
+class Sets:
+    """What is carried from sample to sample of a funnel: the set of states ``x``, from the graph of one step.
+
+    ``cuts`` says where the ranges of what depends on one coordinate alone are cut.
+    """
+
+    def __init__(self, statement: object, cuts: dict[str, object], graph: Graph) -> None:
+        names = "states", "start", "input", "sample", "others", "plan", "reference", "noise", "gain", "bands"
+        states, start, by, count, others, plan, reference, noise, gain, self.bands = record(statement, *names)
+        self.of = {name: i for i, name in enumerate(graph.coordinates)}
+        need(sorted([*rows(states), by, count, *others]) == sorted(self.of), "every coordinate must have its part")
+        self.states, self.by, self.count, self.n = states, self.of[by], self.of[count], len(rows(plan))
+        self.others = {self.of[name]: [span_of(one) for one in rows(ends)] for name, ends in others.items()}
+        need(all(len(one) in (1, self.n) for one in self.others.values()), "ranges must be one, or one a sample")
+        self.plan, self.l_max, self.spread = [number(one) for one in plan], number(gain), 2 * exact(noise)
+        need(self.l_max >= 0 and self.spread >= 0, "gain and noise must be at least 0")
+        wanted = [exact(one) for one in rows(reference, self.n + 1)]
+        self.rise = [after - before for before, after in pairwise(wanted)]
+        self.x = [span_of(one) for one in rows(start, len(states))]
+        self.width = len(self.of) + len(graph.inner)
+        at = {self.of[name]: sorted(number(cut) for cut in rows(given)) for name, given in cuts.items()}
+        self.inner = [_Inner(graph, node, self.width, at) for node in graph.inner]
+        self.next = [Quantity(graph, graph.outputs[f"next_{i}", 0, 0], None) for i in range(len(states))]
+        self.gained = Quantity(graph, graph.outputs["gained", 0, 0], None)
+        self.slope = Quantity(graph, self.gained.node, self.by)
+
+    def box(self, k: int, u: Span) -> list[Span]:
+        """Return the states that are held at a sample, with inputs and all that acts besides."""
+        box: list[Span] = [(0.0, 0.0)] * self.width
+        for name, span in zip(self.states, self.x, strict=True):
+            box[self.of[name]] = span
+        for i, given in self.others.items():
+            box[i] = given[min(k, len(given) - 1)]
+        box[self.count], box[self.by] = (float(k), float(k)), u
+        for i, one in enumerate(self.inner):
+            box[len(self.of) + i] = _sure(one.over(box[one.along]), k, "a part of the equations")
+        return box
+
+    def beyond(self, box: list[Span], k: int, end: float, *, upper: bool) -> bool:
+        """Tell whether an input gives no less (or no more) than what is wanted, from every state of a box."""
+        box = list(box)
+        box[self.by] = (end, end)
+        low, high = (exact(one.hex()) for one in _sure(self.gained.tight(box, low=upper), k, "the increment"))
+        return bool(low >= self.rise[k] + self.spread if upper else high <= self.rise[k] - self.spread)
+
+    def step(self, k: int, u: Span, t: Span) -> Span:
+        """Go on to the next sample, with inputs u and targets t; return the slope of the increment by the input."""
+        need(u[0] <= t[0] and t[1] <= u[1] and u[0] <= self.plan[k] <= u[1], f"sample {k}: plan and targets leave u")
+        box = self.box(k, u)
+        b = _sure(_ends(self.slope, box), k, "the slope of the increment")
+        need(b[0] > 0, f"sample {k}: the increment must rise with the input, its slope is {b}")
+        low, high, first, last, most = (exact(one.hex()) for one in (*u, *t, b[1]))
+        most *= exact(self.l_max.hex())
+        good = most <= 1 or (most < 2 and low + most * (last - low) <= high and high + most * (first - high) >= low)
+        need(good, f"sample {k}: inputs must not be moved out of their set")
+        for end, upper in ((t[0], False), (t[1], True)):
+            need(self.beyond(box, k, end, upper=upper), f"sample {k}: a target must lie between {t[0]!r} and {t[1]!r}")
+        self.x = [_sure(_ends(one, box), k, "a state") for one in self.next]
+        return b
 
 
 def check_funnel(statement: object, proof: object, graph: Graph) -> tuple[str, dict[str, fmpq]]:
@@ -96,76 +164,30 @@ def check_funnel(statement: object, proof: object, graph: Graph) -> tuple[str, d
     wanted lies between them; and an input of U(k), moved by a share l B in [0, l_max b_high] towards a target, stays in
     U(k). Then by induction, over samples and in each over trials, u_i(k) is in U(k) and x_i(k) in X(k).
     """
-    names = "states", "start", "input", "sample", "others", "plan", "reference", "noise", "gain", "bands"
-    states, start, by, count, others, plan, reference, noise, gain, bands = record(statement, *names)
     inputs, targets, _, cuts = record(proof, "inputs", "targets", "apart", "cuts")
-    n = len(rows(plan))
-    of = {name: i for i, name in enumerate(graph.coordinates)}
-    need(sorted([*rows(states), by, count, *others]) == sorted(of), "every coordinate must have its part in a funnel")
-    fixed = {of[name]: [_span(one) for one in rows(ends)] for name, ends in others.items()}
-    need(all(len(ends) in (1, n) for ends in fixed.values()), "what else acts must have one range, or one a sample")
-    width = len(of) + len(graph.inner)
-    at = {of[name]: sorted(number(cut) for cut in rows(ends)) for name, ends in cuts.items() if name in of}
-    inner = [_Inner(graph, node, width, at) for node in graph.inner]
-    step = [Quantity(graph, graph.outputs[f"next_{i}", 0, 0], None) for i in range(len(states))]
-    gained = Quantity(graph, graph.outputs["gained", 0, 0], None)
-    slope = Quantity(graph, gained.node, of[by])
-    l_max, spread, wanted = number(gain), 2 * exact(noise), [exact(one) for one in rows(reference, n + 1)]
-    need(l_max >= 0 and spread >= 0, "gain and noise must be at least 0")
-    x = [_span(one) for one in rows(start, len(states))]
-    held, (b_low, b_high) = [[one] for one in x], (INF, -INF)
-    for k, (first, given, goals) in enumerate(zip(plan, rows(inputs, n), rows(targets, n), strict=True)):
-        u, t = _span(given), _span(goals)
-        need(
-            u[0] <= t[0] and t[1] <= u[1] and u[0] <= number(first) <= u[1],
-            f"sample {k}: inputs must hold plan and targets",
-        )
-        box: list[Span] = [(0.0, 0.0)] * width
-        box[of[count]] = (float(k), float(k))
-        for name, span in zip(states, x, strict=True):
-            box[of[name]] = span
-        for i, ends in fixed.items():
-            box[i] = ends[min(k, len(ends) - 1)]
-        box[of[by]] = u
-        for i, one in enumerate(inner):
-            box[len(of) + i] = _sure(one.over(box[one.along]), k, "a part of the equations")
-        b = _sure(_ends(slope, box), k, "the slope of the increment")
-        share = _sure(mul((0.0, l_max), (max(b[1], 0.0), max(b[1], 0.0))), k, "the share")[1]
-        need(b[0] > 0 and share < 2, f"sample {k}: the slope must be positive and l_max B below 2, got {b}")
-        _moved_inside(u, t, share, k)
-        rise = wanted[k + 1] - wanted[k]
-        for end, upper in ((t[0], False), (t[1], True)):
-            box[of[by]] = (end, end)
-            span = _sure(gained.on(box, "v", low=upper), k, "the increment")
-            good = exact(span[0].hex()) >= rise + spread if upper else exact(span[1].hex()) <= rise - spread
-            need(good, f"sample {k}: the target must lie between {t[0]!r} and {t[1]!r}")
-        box[of[by]] = u
-        x = [_sure(_ends(one, box), k, "a state") for one in step]
-        for line, span in zip(held, x, strict=True):
+    sets = Sets(statement, cuts, graph)
+    held, slopes = [[one] for one in sets.x], []
+    used = [span_of(one) for one in rows(inputs, sets.n)]
+    for k, (u, given) in enumerate(zip(used, rows(targets, sets.n), strict=True)):
+        slopes.append(sets.step(k, u, span_of(given)))
+        for line, span in zip(held, sets.x, strict=True):
             line.append(span)
-        b_low, b_high = min(b_low, b[0]), max(b_high, b[1])
-    held.append([_span(one) for one in inputs])
     said = []
-    for name, spans, band in zip([*states, by], held, rows(bands, len(states) + 1), strict=True):
-        low, high = _span(band)
+    names = [*sets.states, graph.coordinates[sets.by]]
+    for name, spans, band in zip(names, [*held, used], rows(sets.bands, len(names)), strict=True):
+        low, high = span_of(band)
         need(all(low <= one[0] and one[1] <= high for one in spans), f"the band of {name} must hold its sets")
         said.append(f"{name} in [{low!r}, {high!r}]")
-    facts = {"b_low": exact(b_low.hex()), "b_high": exact(b_high.hex()), "l_max": exact(gain)}
-    return (
-        f"In every trial of {n} samples or less, whatever the gain in [0, {l_max!r}] at each: {', '.join(said)}.",
-        facts,
-    )
+    facts = {"b_low": min(one[0] for one in slopes), "b_high": max(one[1] for one in slopes), "l_max": sets.l_max}
+    words = f"whatever the gain in [0, {sets.l_max!r}] at each sample and trial: {', '.join(said)}."
+    return f"In every trial of {sets.n} samples or less, {words}", {
+        name: exact(one.hex()) for name, one in facts.items()
+    }
 
 
-def _span(given: object) -> Span:
+def span_of(given: object) -> Span:
+    """Return a range that is not empty."""
     low, high = rows(given, 2)
     span = number(low), number(high)
     need(span[0] <= span[1], f"a range must not be empty, got {span}")
     return span
-
-
-def _moved_inside(u: Span, t: Span, share: float, k: int) -> None:
-    """Check that every input of u, moved by up to a share of its way to a target of t, stays in u."""
-    low, high, first, last, most = (exact(one.hex()) for one in (*u, *t, max(share, 0.0)))
-    good = most <= 1 or (low + most * (last - low) <= high and high + most * (first - high) >= low)
-    need(good, f"sample {k}: inputs must not be moved out of their set")

@@ -65,6 +65,7 @@ def funnel_claim(d: Dossier, lacks: str) -> Claim:
         lacks=lacks,
         scope=lambda: d.funnels.scope.shown(),
         attack=lambda found: d.funnels.held(found),
+        certify=lambda found, premises: d.funnels.certify(found, premises),
     )
 
 

@@ -27,7 +27,7 @@ from verification.checks.premises import same_plant
 from verification.theorems import conclusion, funnel, limit, safe_words
 from verification.theorems.dossier import Dossier, dossiers_of
 from verification.theorems.pictures import figures, funnel_figures
-from workbench.contracts.claim import Claim, Held, Range, Role
+from workbench.contracts.claim import Certify, Claim, Held, Range, Role
 from workbench.contracts.examination import Examination
 from workbench.contracts.finding import Finding, undecided
 from workbench.contracts.number import finite
@@ -80,6 +80,7 @@ def _claim(
     scope: Callable[[], Mapping[str, Range]] = dict,
     replay: Callable[[Mapping[str, object]], float] | None = None,
     attack: Callable[[Finding], Held] | None = None,
+    certify: Certify | None = None,
 ) -> Claim:
     """Return a claim on a controller; a law of which too few trials ran leaves it open."""
 
@@ -103,6 +104,7 @@ def _claim(
         scope=scope,
         replay=replay,
         attack=attack,
+        certify=certify,
     )
 
 
@@ -125,6 +127,7 @@ def _assumptions(d: Dossier) -> list[Claim]:
             scope=d.scope,
             replay=lambda witness: continuity.replay(d.plant, d.evidence.degree, witness),
             attack=d.attack_continuity,
+            certify=d.certified.continuous_slope,
         ),
         _claim(
             d,
@@ -137,6 +140,7 @@ def _assumptions(d: Dossier) -> list[Claim]:
             scope=d.scope,
             replay=lambda witness: assumption_replays.replay_vanishing(d.plant, d.evidence, witness),
             attack=d.attack_ratio,
+            certify=d.certified.ratio,
         ),
         _claim(
             d,
@@ -149,6 +153,7 @@ def _assumptions(d: Dossier) -> list[Claim]:
             premises=(alike,),
             scope=d.scope,
             attack=d.attack_row_sums,
+            certify=d.certified.row_sums,
         ),
         _claim(
             d,
@@ -170,6 +175,7 @@ def _assumptions(d: Dossier) -> list[Claim]:
             scope=d.scope,
             replay=lambda witness: assumption_replays.replay_sign(d.plant, d.evidence, witness),
             attack=d.attack_slopes,
+            certify=d.certified.positive_slope,
         ),
         _claim(
             d,
@@ -182,6 +188,7 @@ def _assumptions(d: Dossier) -> list[Claim]:
             scope=d.scope,
             replay=lambda witness: assumption_replays.slope_at(d.plant, d.evidence, witness),
             attack=d.attack_slopes,
+            certify=d.certified.positive_slope,
         ),
         _claim(
             d,
@@ -194,6 +201,7 @@ def _assumptions(d: Dossier) -> list[Claim]:
             scope=d.scope,
             replay=lambda witness: assumption_replays.replay_lemma(d.plant, d.evidence, witness),
             attack=d.attack_ratio,
+            certify=d.certified.ratio,
         ),
     ]
 
@@ -229,6 +237,7 @@ def _adaptive(d: Dossier) -> list[Claim]:
                 - convergence.lambda_min(d.estimator, abs(assumption_replays.slope_at(d.plant, d.evidence, witness)))
             ),
             attack=d.attack_slopes,
+            certify=d.certified.lambda_min,
         ),
         _claim(
             d,
@@ -333,6 +342,7 @@ def _increments(d: Dossier) -> list[Claim]:
             scope=d.scope,
             replay=lambda witness: increment.replay(d.estimator, d.wanted, witness),
             attack=lambda found: d.attack_contraction(1.0),
+            certify=d.certified.monotone,
         ),
         _claim(
             d,
@@ -347,6 +357,7 @@ def _increments(d: Dossier) -> list[Claim]:
             rests_on=(p.follows,),
             scope=d.scope,
             attack=lambda found: d.attack_contraction(found.bound or 1.0),
+            certify=d.certified.weighted,
         ),
     ]
 

@@ -1,0 +1,165 @@
+"""Certificates of what is proved of one controller: bounds of slopes, what follows of them, and theorems."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from models.plant import Plant
+from verification.certificates.bounds import Ask, bounds, looser
+from verification.certificates.numbers import Formula, numbers
+from verification.certificates.rows import rows
+from verification.certificates.theorem import theorem
+from verification.checks.delayed import delayed_box, delayed_step
+from verification.checks.increment import largest_gain
+from verification.enclosure.box import Box
+from workbench.contracts.certificate import Certificate
+from workbench.contracts.claim import NotCertified
+from workbench.contracts.finding import Finding
+from workbench.graph import Graph, read
+
+if TYPE_CHECKING:
+    from verification.theorems.dossier import Dossier
+
+CLOSE = 1e-9
+"""Share by which slopes are certified wider that are carried through many samples."""
+Premises = Mapping[str, Certificate]
+
+
+def units(plant: Plant) -> Mapping[str, str]:
+    """Return the units of a plant's signals, by name."""
+    named = (*plant.states, *plant.inputs, *plant.disturbances, *plant.outputs)
+    return {signal.name: signal.unit for signal in named}
+
+
+class Certified:
+    """Makes the certificates of one controller; the graphs they are of are read once."""
+
+    def __init__(self, dossier: Dossier) -> None:
+        self.of = dossier
+
+    @property
+    def _degree(self) -> int:
+        return self.of.study.relative_degree or 1
+
+    @cached_property
+    def _output(self) -> Graph:
+        return read(delayed_step(self.of.plant, self._degree))
+
+    @cached_property
+    def _learned(self) -> Graph:
+        increment = self.of.law.learns_on == "increment"
+        return read(delayed_step(self.of.plant, self._degree, increment=True)) if increment else self._output
+
+    @cached_property
+    def _box(self) -> Box:
+        return delayed_box(self.of.box, self._degree)
+
+    @cached_property
+    def _states(self) -> Sequence[str]:
+        return next(port.labels for port in self._learned.inputs if port.name == "x")
+
+    @cached_property
+    def _input(self) -> str:
+        return next(port.labels[0] for port in self._learned.inputs if port.name == "u")
+
+    def _bounds(self, graph: Graph, *asks: Ask) -> Certificate:
+        return bounds(graph, self._box, units(self.of.plant), asks)
+
+    def continuous_slope(self, found: Finding, premises: Premises) -> Certificate:
+        """A1: the output is continuous, and so is its derivative by the input."""
+        return self._bounds(
+            self._output, Ask(("y", 0, 0), None, "continuous"), Ask(("y", 0, 0), self._input, "continuous")
+        )
+
+    @cached_property
+    def _slope(self) -> Certificate:
+        slopes = self.of.slopes
+        asks = [
+            Ask(("y", 0, 0), self._input, side, looser(bound, side))
+            for side, bound in (("at least", slopes.gain_low), ("at most", slopes.gain_high))
+        ]
+        return self._bounds(self._learned, Ask(("y", 0, 0), None, "continuous"), *asks)
+
+    def slope(self, found: Finding, premises: Premises) -> Certificate:
+        """Bounds of the slope of what is learned on by the input, and that it is continuous."""
+        return self._slope
+
+    def positive_slope(self, found: Finding, premises: Premises) -> Certificate:
+        """A4 for the partial derivative: its least value is above 0."""
+        least = looser(found.margin or 0.0, "above")
+        if not least > 0:
+            raise NotCertified("the least slope is too near 0")
+        return self._bounds(
+            self._learned,
+            Ask(("y", 0, 0), None, "continuous"),
+            Ask(("y", 0, 0), self._input, "at least", least),
+        )
+
+    def ratio(self, found: Finding, premises: Premises) -> Certificate:
+        """A2 as printed, of a plant without memory: its slope by the input is bounded, by that input alone."""
+        most = looser(found.bound or 0.0, "at most")
+        asks = [Ask(("y", 0, 0), self._input, side, bound) for side, bound in (("at least", -most), ("at most", most))]
+        return self._bounds(self._learned, Ask(("y", 0, 0), None, "continuous"), *asks)
+
+    @cached_property
+    def _slopes(self) -> Certificate:
+        """Bounds of the slopes of next states and of what is learned on, by states and input."""
+        s, states = self.of.slopes, self._states
+        sizes = {("x_next", i, by): s.a[i, j] for i in range(len(states)) for j, by in enumerate(states)}
+        sizes |= {("x_next", i, self._input): s.b[i] for i in range(len(states))}
+        sizes |= {("y", 0, by): s.c[j] for j, by in enumerate(states)}
+        asks = [Ask(("x_next", i, 0), None, "continuous") for i in range(len(states))]
+        asks.append(Ask(("y", 0, 0), None, "continuous"))
+        for (of, row, by), size in sizes.items():
+            for side, bound in (("at most", float(size)), ("at least", -float(size))):
+                asks.append(Ask((of, row, 0), by, side, looser(bound, side, CLOSE)))
+        for side, bound in (("at least", s.gain_low), ("at most", s.gain_high)):
+            asks.append(Ask(("y", 0, 0), self._input, side, looser(bound, side, CLOSE)))
+        return self._bounds(self._learned, *asks)
+
+    def _rows(self, weight: float = 1.0) -> Certificate:
+        return rows(self._slopes, self._learned, self.of.study.horizon, weight)
+
+    def row_sums(self, found: Finding, premises: Premises) -> Certificate:
+        """A2 repaired: the largest row sum of the lifted plant."""
+        return self._rows()
+
+    def lambda_min(self, found: Finding, premises: Premises) -> Certificate:
+        """Lambda exceeds what the largest slope asks."""
+        return theorem("lambda_min", slopes=self._slope, law=self._law)
+
+    def monotone(self, found: Finding, premises: Premises) -> Certificate:
+        """The input error falls, with a weight a to the power of the sample."""
+        return self._increments(1.0, premises)
+
+    def weighted(self, found: Finding, premises: Premises) -> Certificate:
+        """The input error falls, with the weight that was found."""
+        return self._increments(found.bound or 1.0, premises)
+
+    def _increments(self, weight: float, premises: Premises) -> Certificate:
+        named = {name.rsplit("premise.", 1)[-1]: one for name, one in premises.items()}
+        return theorem("increments", rows=self._rows(weight), law=self._law, **named)
+
+    @cached_property
+    def _law(self) -> Certificate:
+        law = self.of.estimator
+        times: Formula = ("*", "rho", "unit")
+        return numbers(
+            f"The settings of {self.of.controller}.",
+            {
+                "lambda": (law.lam, ""),
+                "rho": (law.rho, ""),
+                "unit": (law.force_unit, ""),
+                "l_max": (largest_gain(law), ""),
+            },
+            (">", "lambda", 0),
+            (">", "rho", 0),
+            (">", "unit", 0),
+            (
+                ">=",
+                ("*", ("*", 4, "lambda"), ("*", "l_max", "l_max")),
+                ("*", times, times),
+            ),
+        )
