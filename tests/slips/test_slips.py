@@ -8,10 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from slips import checking, deciding, enclosing, running, studying
+from slips import certifying, checking, deciding, enclosing, running, studying
 from slips.planting import Slip, planted
 
-SLIPS: tuple[Slip, ...] = (*enclosing.SLIPS, *checking.SLIPS, *deciding.SLIPS, *running.SLIPS, *studying.SLIPS)
+SLIPS: tuple[Slip, ...] = (
+    *enclosing.SLIPS,
+    *certifying.SLIPS,
+    *checking.SLIPS,
+    *deciding.SLIPS,
+    *running.SLIPS,
+    *studying.SLIPS,
+)
 CHECKS = list(dict.fromkeys(slip.check for slip in SLIPS))
 
 
