@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import subprocess
+import sys
 from fractions import Fraction
 from functools import cache
 
@@ -95,6 +97,20 @@ def test_what_is_proved_is_checked_and_says_what_the_claim_says(study, name, con
     assert claim.statement in verdict.sentence or name in SAYS_ITSELF
     for premise in verdict.premises:
         assert premise.standing is Standing.PROVED
+
+
+@pytest.mark.parametrize("study", ["maglev", "variable-gain", "ato", "same-plant"])
+def test_the_checker_alone_accepts_a_folder_of_them(study, tmp_path):
+    made, _ = claims(study)
+    recheck = Recheck()
+    judge = Judge(recheck=recheck)
+    verdicts = [judge.verdict(made[name, law]) for of, name, law, _ in PROVED if of == study]
+    recheck.write_into(tmp_path, verdicts)
+    done = subprocess.run(
+        [sys.executable, "-m", "verification.checker", str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"{len(verdicts)} of {len(verdicts)} claims accepted" in done.stdout
 
 
 def test_a_claim_whose_certificate_fails_is_at_most_supported():
