@@ -16,6 +16,7 @@ from models.expression import Column, Expression, Number
 from models.line import Line, stepped
 from models.plant import Plant, Signal, Values, signal, signals
 from models.quantity import InvalidValue, declared, given, part, quantity, table
+from models.repeated import repeated
 
 APPROACH = Line(grade_starts_m=(150.0, 300.0), grade_permille=(12.0, 28.0, -6.0))
 """The grades before the stop: g(s) of the paper."""
@@ -190,14 +191,19 @@ class Halting(Wrapper):
         """Return the motion after the fine steps, the line of commands shifted by one, running time and jerk."""
         brake = self.plant
         acceleration, speed, position, *commands, running_time, _ = x
-        line, peak_jerk = [u.command, *commands], 0.0 * running_time
-        motion, acting = Motion(acceleration, speed, position), line[brake.delay]
-        for _ in range(brake.substeps):
+        line = [u.command, *commands]
+        acting = line[brake.delay]
+
+        def advance(column: Expression) -> Expression:
+            motion, time, peak = Motion(column[0], column[1], column[2]), column[3], column[4]
             jerk = ca.fabs(brake.rates(motion, acting, 0.0).acceleration)
-            peak_jerk = ca.if_else(motion.speed > 0, ca.fmax(peak_jerk, jerk), peak_jerk)
+            peak = ca.if_else(motion.speed > 0, ca.fmax(peak, jerk), peak)
             share, motion = self._fine(motion, acting, w.resistance)
-            running_time = running_time + share * brake.fine_step
-        return (*motion, *line[: brake.delay], running_time, peak_jerk)
+            return ca.vertcat(*motion, time + share * brake.fine_step, peak)
+
+        began = ca.vertcat(acceleration, speed, position, running_time, 0.0 * running_time)
+        after = repeated(advance, began, brake.substeps)
+        return (after[0], after[1], after[2], *line[: brake.delay], after[3], after[4])
 
     def output(self, x: Values) -> Column:
         """Return speed and position."""

@@ -377,6 +377,16 @@ class Symbolised(NamedTuple, Generic[T]):
     values: tuple[float, ...]
 
 
+def values_of(thing: object, only: frozenset[str] | None = None) -> dict[str, float]:
+    """Return the float quantities that :func:`symbolised` makes symbols of, by path."""
+    return {
+        path: value
+        for path, spec, value in walked(thing, lambda spec, value: is_declared(value))
+        if spec.kind == "number" and not spec.structural and isinstance(value, float)
+        if only is None or path in only
+    }
+
+
 def symbolised(
     thing: T, symbol: Callable[[str], Expression | ca.MX] = ca.SX.sym, only: frozenset[str] | None = None
 ) -> Symbolised[T]:
@@ -384,11 +394,6 @@ def symbolised(
 
     ``only`` restricts it to the paths named. Structural fields and fields that are None stay as they are.
     """
-    found = {
-        path: value
-        for path, spec, value in walked(thing, lambda spec, value: is_declared(value))
-        if spec.kind == "number" and not spec.structural and isinstance(value, float)
-        if only is None or path in only
-    }
+    found = values_of(thing, only)
     symbols = {path: cast(Expression, symbol(path.replace(".", "_"))) for path in found}
     return Symbolised(rebuilt(thing, nested(symbols)), tuple(found), tuple(symbols.values()), tuple(found.values()))

@@ -25,10 +25,10 @@ def row_of(name: str, value: object) -> tuple[float, ...]:
     try:
         if not isinstance(value, Iterable):
             raise TypeError
-        numbers = tuple(float(entry) for entry in value)
+        numbers = tuple(map(float, value))
     except (TypeError, ValueError, OverflowError):
         raise InvalidValue(f"{name} must be a row of numbers, got {said(value)}") from None
-    if not all(math.isfinite(entry) for entry in numbers):
+    if not all(map(math.isfinite, numbers)):
         raise InvalidValue(f"{name} must hold finite numbers only, got one that is not")
     return numbers
 

@@ -53,8 +53,8 @@ class Transfer(Plant):
             raise InvalidValue(
                 f"numerator must be of lower degree than denominator, got {self.numerator} over {self.denominator}"
             )
-        poles = np.abs(_poles(denominator)), _poles(denominator).real
-        fastest, growing = (float(part.max()) * float(self.sampling_time) for part in poles)
+        poles = _poles(tuple(denominator.tolist()))
+        fastest, growing = (float(part.max()) * float(self.sampling_time) for part in (np.abs(poles), poles.real))
         if not fastest <= FASTEST:
             raise InvalidValue(
                 f"denominator must have poles at most {FASTEST:g} times as fast as the sampling, got one {fastest:.3g} "
@@ -104,8 +104,10 @@ class Transfer(Plant):
         return _sampled(self.numerator, self.denominator, float(self.sampling_time))
 
 
-def _poles(denominator: Array) -> NDArray[np.complex128]:
+@functools.lru_cache(maxsize=64)
+def _poles(coefficients: tuple[float, ...]) -> NDArray[np.complex128]:
     """Return the poles in rad/s; infinity for one that is beyond numbers, 0 where there is none."""
+    denominator = np.array(coefficients)
     with np.errstate(over="ignore", divide="ignore"):
         if not np.isfinite(denominator / denominator[0]).all():
             return np.array([np.inf])

@@ -168,3 +168,12 @@ class Curved(Planned):
     def learn(self, memory: Any, trial: Any) -> Any:
         e = known(trial.reached, trial.e)[1:]
         return Plan(memory.u + self.gain * ca.tanh(e))
+
+
+class FeedsBack:
+    """A part of laws that plan in a unit of their own: they also feed the error back within the trial."""
+
+    force_unit: float
+
+    def act(self, memory_k: Any, state: Any, r: Any, r_next: Any, y: Any) -> Any:
+        return memory_k.u * self.force_unit + 0.1 * (r - y), state

@@ -174,8 +174,9 @@ EXPECTED: Expectations = {
     "conditioning": (
         Expected(
             standing=SUPPORTED,
-            why="icfdl multiplies what is off by up to 1e9 in its 150 trials, which leaves it three digits of twelve; "
-            "pd by five, and increment by 1e6 at most, where its error is down to rounding",
+            why="icfdl multiplies what is off by up to 1e9 in its 150 trials, which leaves it three digits of twelve, "
+            "half a digit more than is asked for; pd by five, and increment by 1e6 at most, where its error is down to "
+            "rounding",
         ),
     ),
     "error_falls": (

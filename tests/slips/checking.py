@@ -21,8 +21,9 @@ from models.plant import Signal
 from models.quantity import declared
 from slips.planting import Slip
 from verification.checks import assumptions, attack, error_map, feasibility, increment, limit, predictive, tube
-from verification.checks.assumption_replays import ratio_at
-from verification.checks.continuity import continuous_slope
+from verification.checks.across_jump import _inside
+from verification.checks.assumption_replays import ratio_at, replay_across
+from verification.checks.continuity import continuous_slope, jump_reached
 from verification.checks.convergence import adaptation, lambda_min, lambda_realised
 from verification.checks.delayed import delayed_box, delayed_step
 from verification.checks.envelope import Bounds, Ends, Envelope, held_inside
@@ -154,6 +155,32 @@ def lifted_rows_bound_differences():
     assert found.bound >= (off + own).max() * (1 - 1e-12)
 
 
+JUMPING = small("Jumping", lambda x, u, k: (2 * u + ca.if_else(u > 0.35, 0.2, 0.0),))
+
+
+def a_jump_refutes():
+    d = dossier(plant=JUMPING, law=Planned(first=0.3))
+    assert judged(d, "A2.lifted").standing is REFUTED
+
+
+def two_plans_within_the_row_sums_refute_nothing():
+    d = dossier(plant=small("Direct", lambda x, u, k: (2 * u,)))
+    witness = {"trial": 1, "sample": 3, "plans": [[0.1] * N, [0.2] * N]}
+    assert replay_across(d.plant, d.evidence, witness) > -1e-9
+
+
+def what_left_the_scope_is_no_witness():
+    box = Box({"x": (-1.0, 1.0), "u": (-1.0, 1.0), "w": 0.0, "k": (0.0, 4.0)}, whole=("k",))
+    x, plan = np.array([[0.0, 0.5, 1.5, 0.5, 0.0]]), np.zeros(4)
+    assert _inside(box, [x, x], (plan, plan)) == 1
+
+
+def a_hidden_state_jumps():
+    plant = small("Hidden", lambda x, u, k: (0.5 * x[0] + u, x[0] + ca.if_else(x[1] > 0.35, 0.2, 0.0)), states=2)
+    box = Box({"x": ([-1.0, -1.0], [1.0, 1.0]), "u": (-1.0, 1.0), "w": np.zeros(0), "k": (0.0, 4.0)}, whole=("k",))
+    assert jump_reached(plant, box)
+
+
 def a_kept_input_moves_the_output():
     d = dossier(plant=small("Direct", lambda x, u, k: (u,)))
     still = dataclasses.replace(d.evidence, du=np.zeros_like(d.evidence.du), ds=np.ones_like(d.evidence.ds))
@@ -222,7 +249,14 @@ def the_radius_is_bounded_from_both_sides():
 # ------------------------------------------------------------------ row sums, increments and limits
 
 SLOPES = SlopeBounds(
-    a=np.array([[0.5]]), b=np.array([1.0]), c=np.array([0.3]), gain_low=1.0, gain_high=1.0, steepest=None, reason=None
+    a=np.array([[0.5]]),
+    b=np.array([1.0]),
+    c=np.array([0.3]),
+    gain_low=1.0,
+    gain_high=1.0,
+    steepest=None,
+    reason=None,
+    gain_reason=None,
 )
 INPUTS = SimpleNamespace(study=SimpleNamespace(horizon=N), missing=0)
 
@@ -707,6 +741,41 @@ SLIPS = (
         slipped="float(rows.max())",
         causes="A2 is PROVED with a p that leaves out what the input of the sample itself does",
         check=lifted_rows_bound_differences,
+    ),
+    Slip(
+        where="verification.checks.assumptions:_unbounded",
+        stands="- met.ratios[-1]",
+        slipped="+ met.ratios[-1]",
+        causes="A2 is SUPPORTED where two plans next to each other refute it",
+        check=a_jump_refutes,
+    ),
+    Slip(
+        where="verification.checks.assumption_replays:replay_across",
+        stands="(along if np.isfinite(along) else 0.0) - ",
+        slipped="-",
+        causes="A2 is REFUTED by any two plans, though the row sums bound their ratio",
+        check=two_plans_within_the_row_sums_refute_nothing,
+    ),
+    Slip(
+        where="verification.checks.across_jump:_inside",
+        stands="last = min([last, *(int(k) - 1 for k in left[:1]), *(int(k) for k in beyond[:1])])",
+        slipped="last = min([last, *(int(k) for k in beyond[:1])])",
+        causes="A2 is REFUTED by trials that left the scope on the way",
+        check=what_left_the_scope_is_no_witness,
+    ),
+    Slip(
+        where="verification.checks.across_jump:_between",
+        stands="low = middle",
+        slipped="high = middle",
+        causes="A2 is left open where the output jumps: plans never come to two sides of it",
+        check=a_jump_refutes,
+    ),
+    Slip(
+        where="verification.checks.continuity:jump_reached",
+        stands="for result in f.outputs for",
+        slipped="for result in f.outputs[:1] for",
+        causes="A2 is SUPPORTED by the row sums along one trial where a hidden state jumps",
+        check=a_hidden_state_jumps,
     ),
     Slip(
         where="verification.checks.assumptions:data_model",

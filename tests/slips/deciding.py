@@ -11,6 +11,7 @@ from models.plant import Signal
 from slips.planting import Slip
 from verification.decide.judge import Judge, judge
 from verification.decide.replay import _compared
+from verification.decide.verify import _with_premises
 from verification.report.gate import CONTRADICTED, DEPARTED, FINE, OPEN, Gate
 from verification.theorems import funnel, limits
 from workbench.contracts.claim import Claim, Expected, Held, Role, expected_of
@@ -52,6 +53,12 @@ def a_premise_that_was_seen_weakens():
 def what_a_proof_rests_on_counts():
     assert judge(claim(GOOD, rests_on=[claim(OPENED, "s.p")])).standing is UNDECIDED
     assert judge(claim(GOOD, rests_on=[claim(SEEN, "s.p")])).standing is SUPPORTED
+
+
+def premises_are_looked_at_once_more():
+    lowest = claim(BAD, "s.lowest")
+    top = claim(GOOD, "s.top", premises=[claim(GOOD, "s.premise", rests_on=[lowest])])
+    assert [one.name for one in _with_premises([top])] == ["s.lowest", "s.premise", "s.top"]
 
 
 def a_contradicted_proof_is_none():
@@ -191,6 +198,13 @@ SLIPS = (
         slipped="if again.standing is Standing.UNDECIDED:",
         causes="REFUTED by a witness that refutes nothing",
         check=a_witness_that_refutes_nothing_does_not_stand,
+    ),
+    Slip(
+        where="verification.decide.verify:_with_premises",
+        stands="(*one.premises, *one.rests_on)",
+        slipped="(*one.premises,)",
+        causes="what refutes a premise is never looked at once more, and a theorem that does not apply is left open",
+        check=premises_are_looked_at_once_more,
     ),
     Slip(
         where="verification.decide.judge:once_more",

@@ -65,6 +65,11 @@ def negative_factors_are_corners():
     assert found.lower["f"][0, 0] <= -6 and found.upper["f"][0, 0] >= 3
 
 
+def a_sign_turns_the_ends_of_the_other_factor():
+    found = enclose(of_both(X * Y), Box({"x": (-2.0, -1.0), "y": (-1.0, 3.0)}))
+    assert found.lower["f"][0, 0] <= -6 and found.upper["f"][0, 0] >= 2
+
+
 def a_sum_is_rounded_outwards():
     found = outward.add(span(1, 1), span(2.0**-60, 2.0**-60))
     assert Fraction(found.lo[0]) <= 1 + Fraction(1, 2**60) <= Fraction(found.hi[0])
@@ -222,9 +227,16 @@ SLIPS = (
         check=negative_factors_are_corners,
     ),
     Slip(
-        where="verification.enclosure.outward:_outward",
-        stands="np.where(error <= 0, value, up(value))",
-        slipped="value",
+        where="verification.enclosure.outward:mul",
+        stands="(a_minus | b_minus) & ~b_plus",
+        slipped="b_minus & ~b_plus",
+        causes="[-2, -1] [-1, 3] ends at 1",
+        check=a_sign_turns_the_ends_of_the_other_factor,
+    ),
+    Slip(
+        where="verification.enclosure.outward:_ends",
+        stands="np.where(high_error <= 0, high, up(high))",
+        slipped="high",
         causes="sums and products rounded to nearest at the upper end",
         check=a_sum_is_rounded_outwards,
     ),

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from slips import certifying, checking, deciding, enclosing, running, studying
+from slips import certifying, checking, deciding, enclosing, running, studying, tabling
 from slips.planting import Slip, planted
 
 SLIPS: tuple[Slip, ...] = (
     *enclosing.SLIPS,
+    *tabling.SLIPS,
     *certifying.SLIPS,
     *checking.SLIPS,
     *deciding.SLIPS,

@@ -67,9 +67,12 @@ class Answer(NamedTuple):
             return False
         if not self.holds:
             return self.standing == Standing.REFUTED
-        return self.standing == Standing.PROVED or (
-            self.standing == Standing.SUPPORTED and not (self.claim in PROVABLE and self.claim != "A2.printed")
-        )
+        return self.standing == Standing.PROVED or (self.standing == Standing.SUPPORTED and not self._proves)
+
+    @property
+    def _proves(self) -> bool:
+        """Whether a true one has to be proved to be decided."""
+        return (self.claim in PROVABLE and self.claim != "A2.printed") or self.claim.startswith("limit.")
 
 
 @contextmanager

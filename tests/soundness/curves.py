@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import casadi as ca
@@ -59,6 +60,8 @@ class Curve:
     kinks: Sequence[float] = ()
     """Where the slope jumps."""
     jumps: Sequence[float] = ()
+    misses: Sequence[float] = ()
+    """Where pieces that are meant to meet miss each other by what a number was rounded: by exact rules, a jump."""
     steep: Sequence[float] = ()
     """Where it is continuous with a slope that has no bound."""
     poles: Sequence[float] = ()
@@ -84,7 +87,7 @@ class Curve:
 
     def unbroken(self, low: float, high: float) -> bool:
         """Whether it is defined and continuous, with slopes that have a bound, on a range."""
-        broken = (*self.jumps, *self.steep, *self.poles)
+        broken = (*self.jumps, *self.misses, *self.steep, *self.poles)
         return not self.meets(broken, low, high) and low > self.least
 
 
@@ -141,7 +144,11 @@ def gated(b: float, c: float, p: float) -> Curve:
 
 
 def shared(b: float, c: float, p: float, reach: float) -> Curve:
-    """b v + c/(v - p) where v is away from p by more than a reach, and a line there that fits on both sides."""
+    """b v + c/(v - p) where v is away from p by more than a reach, and a line there that fits on both sides.
+
+    It fits exactly where the square of the reach is a double; else the two miss each other by a rounding.
+    """
+    fits = Fraction(reach) ** 2 == Fraction(reach**2)
 
     def value(m: Any, v: Any) -> Any:
         off = v - p
@@ -153,6 +160,7 @@ def shared(b: float, c: float, p: float, reach: float) -> Curve:
         value=value,
         slope=lambda v: b + c * np.where(np.abs(v - p) > reach, -1 / np.maximum(np.abs(v - p), reach) ** 2, reach**-2),
         kinks=(p - reach, p + reach),
+        misses=() if fits else (p - reach, p + reach),
         guards=True,
     )
 
@@ -185,6 +193,7 @@ def cut(inner: Curve, low: float, high: float) -> Curve:
         turns=inner.turns,
         kinks=(*inner.kinks, low, high),
         jumps=inner.jumps,
+        misses=inner.misses,
     )
 
 

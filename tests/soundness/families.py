@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from soundness import curves
 from soundness.case import Case
 from soundness.laws import Told
-from soundness.plants import Chain
+from soundness.plants import Chain, Relay
 from workbench.contracts.trial_length import TrialLength
 
 Rng = np.random.Generator
@@ -233,7 +234,9 @@ def guarded_root_in_u(rng: Rng) -> Case:
 
 
 def guarded_division(rng: Rng) -> Case:
-    drift = curves.shared(0.0, float(rng.uniform(0.01, 0.05)), inside(rng), float(rng.uniform(0.2, 0.5)))
+    gain, place, reach = float(rng.uniform(0.01, 0.05)), inside(rng), float(rng.uniform(0.2, 0.5))
+    reach = round(64 * reach) / 64 if rng.random() < 0.7 else reach  # then both sides fit, else but for rounding
+    drift = curves.shared(0.0, gain, place, reach)
     return case(rng, "guarded division in x", chain(rng, drift=drift))
 
 
@@ -296,11 +299,17 @@ def bounded(rng: Rng) -> Case:
     return replace(made, limits={"x0": (-high, high), "u": (None, float(rng.uniform(0.2, 3.0)))})
 
 
-def clutch(rng: Rng) -> Case:
-    """A clutch that bites beyond a dead zone, in which it drags or lets go, on a shaft with a kinked friction.
+def kept(rng: Rng) -> Case:
+    """A limit is asked of an integrator, near to what trials come to or far from it."""
+    made = integrator(rng)
+    far = max(abs(one) for one in made.reference)
+    steep = max(abs(b - a) for a, b in pairwise(made.reference)) / made.chain.gain
+    high, most = far * float(rng.uniform(0.7, 2.0)), (steep + abs(made.law.first)) * float(rng.uniform(0.3, 2.0))
+    return replace(made, family="limits kept", limits={"x0": (-high, high), "u": (-most, most)})
 
-    It was added last, and nothing in the program was looked at for its sake.
-    """
+
+def clutch(rng: Rng) -> Case:
+    """A clutch that bites beyond a dead zone, in which it drags or lets go, on a shaft with a kinked friction."""
     slip = float(rng.choice([0.0, 0.05, 0.4]))
     drive = curves.clutch(1.0, abs(inside(rng)), float(rng.uniform(0.2, 1.0)), slip)
     made = chain(rng, drive=drive)
@@ -308,16 +317,30 @@ def clutch(rng: Rng) -> Case:
     return case(rng, "clutch", replace(made, drift=friction, row=made.states - 1))
 
 
+def hysteresis(rng: Rng) -> Case:
+    """A hidden relay pushes the output, and turns only after that has come to the other end of its play."""
+    middle, play = inside(rng), float(rng.uniform(0.05, 0.3))
+    relay = Relay(low=middle - play, high=middle + play, push=float(rng.choice([-1, 1]) * rng.uniform(0.05, 0.3)))
+    return case(rng, "hysteresis by a hidden state", chain(rng, relay=relay))
+
+
+def saturating(rng: Rng) -> Case:
+    """An integrator that stays at its ends when it comes to them."""
+    high = float(rng.uniform(0.3, 1.2)) if rng.random() < 0.5 else float(rng.uniform(8.0, 12.0))
+    made = chain(rng, states=int(rng.integers(1, 3)), ceiling=high)
+    return case(rng, "saturating integrator", replace(made, a=(float(rng.uniform(0.97, 1.0)), *made.a[1:])))
+
+
 FAMILIES: tuple[Family, ...] = (
     linear, integrator, memoryless, memoryless_jump, bent_in_x, gain_by_x, cubic, sine, turning, falling, kink_in_x,
     kink_in_u, jump_in_x, gain_jumps, jump_in_u, jump_in_k, periodic, changing_sign, late_2, late_3, late_bent,
     disturbed_given, disturbed_drawn, disturbed_normal, noisy, noisy_normal, guarded_root_in_x, guarded_root_in_u,
     guarded_division, table_in_x, table_in_u, pole_away, pole_met, root_away, scattered, elsewhere, changing, clipped,
-    two_channels, bounded,
+    two_channels, bounded, kept, clutch,
 )  # fmt: skip
 
-FRESH: tuple[Family, ...] = (clutch,)
-"""Kinds of plants that came after the program was made to decide the others."""
+FRESH: tuple[Family, ...] = (hysteresis, saturating)
+"""Kinds of plants that came last: nothing in the program was looked at for their sake."""
 
 
 def drawn(number: int, seed: int = 0) -> Case:

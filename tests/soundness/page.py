@@ -21,16 +21,9 @@ A case has to be decided where all that a claim asks is met by construction, and
 rounding decides. A true one is decided as PROVED (SUPPORTED where a claim is about what was run), a false one as
 REFUTED. A test holds what is decided: where this page does not say otherwise, all are.
 """
-GUARDED = "a guard that is undecided on a set leaves no slope there"
-TABLE = "a table is read as switches, whose sides are not seen to agree"
 WHY: Mapping[str, str] = {
-    "guarded root in x": GUARDED,
-    "guarded root in u": GUARDED,
-    "guarded division in x": GUARDED,
-    "table in x": TABLE,
-    "table in u": TABLE,
-    "theorem1.conclusion": "a slope that varies with state or input has no known ends over all of them",
-    "A2.lifted": "no two trials are built to either side of a jump, so it is not refuted",
+    "theorem1.conclusion": "the slope has no known ends over all states and inputs",
+    "A2.lifted": "no two trials are found on either side of a jump, so it is not refuted",
     "increment_limit": "its premise, a funnel, is open",
 }
 """Why verdicts are left open, by family, else by claim."""

@@ -7,7 +7,7 @@ input does, gain(k) (1 + scale(x_0)) drive(u): so d is the relative degree. The 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,16 @@ from soundness.curves import Curve, Numbers, Symbols, linear, none
 Array = NDArray[np.float64]
 Ends = tuple[float, float]
 LINE, NOTHING = linear(1.0), none()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relay:
+    """A hidden state with hysteresis: 1 once the output was above ``high``, and -1 once it was below ``low``."""
+
+    low: float
+    high: float
+    push: float
+    """What the output does besides, times the hidden state."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,10 +55,14 @@ class Chain:
     disturbed: bool = False
     changes: bool = False
     """Whether its gain is a quantity, which may change from trial to trial."""
+    relay: Relay | None = None
+    """Its hidden state is the last one."""
+    ceiling: float = np.inf
+    """The first state is kept between minus and plus that: it is what an integrator does that saturates."""
 
     @property
     def states(self) -> int:
-        return len(self.a)
+        return len(self.a) + (self.relay is not None)
 
     def gain_at(self, m: Any, k: Any) -> Any:
         made = self.gain
@@ -60,7 +74,7 @@ class Chain:
 
     def step(self, m: Any, x: Sequence[Any], u: Any, w: Any, k: Any, share: Any = 1.0) -> list[Any]:
         """Return the next state, in an arithmetic; ``share`` multiplies the gain."""
-        rows = [self.a[i] * x[i] for i in range(self.states)]
+        rows = [self.a[i] * x[i] for i in range(len(self.a))]
         for i, c in enumerate(self.c):
             rows[i] = rows[i] + c * x[i + 1]
         rows[self.row] = rows[self.row] + self.drift.value(m, x[self.row])
@@ -68,13 +82,20 @@ class Chain:
         rows[self.degree - 1] = rows[self.degree - 1] + share * self.gain_at(m, k) * scale * self.drive.value(m, u)
         if self.disturbed:
             rows[0] = rows[0] + w
+        if self.relay is not None:
+            hidden = m.choose(x[0] > self.relay.high, 1.0, m.choose(x[0] < self.relay.low, -1.0, x[-1]))
+            rows = [rows[0] + self.relay.push * x[-1], *rows[1:], hidden]
+        if np.isfinite(self.ceiling):
+            rows[0] = m.fmin(m.fmax(rows[0], -self.ceiling), self.ceiling)
         return rows
 
     def slopes(self, x: Array, u: float, k: int) -> tuple[Array, Array]:
         """Return dx(k+1)/dx(k), (n, n), and dx(k+1)/du(k), (n,), at a point."""
-        A = np.diag(np.asarray(self.a, dtype=float))
+        A = np.diag([*map(float, self.a), *([float(self._kept(x[0]))] if self.relay is not None else [])])
         for i, c in enumerate(self.c):
             A[i, i + 1] = c
+        if self.relay is not None:
+            A[0, -1] = self.relay.push
         A[self.row, self.row] += float(self.drift.slope(x[self.row]))
         B, gain = np.zeros(self.states), float(self.gain_at(Numbers, k))
         scale = 1.0
@@ -82,7 +103,17 @@ class Chain:
             scale = 1 + float(self.scale.value(Numbers, x[0]))
             A[self.degree - 1, 0] += gain * float(self.scale.slope(x[0])) * float(self.drive.value(Numbers, u))
         B[self.degree - 1] = gain * scale * float(self.drive.slope(u))
+        if np.isfinite(self.ceiling) and not abs(self.within(x, u, k)) < self.ceiling:
+            A[0], B[0] = 0.0, 0.0
         return A, B
+
+    def within(self, x: Array, u: float, k: int) -> float:
+        """Return what the first state would be if nothing kept it, of a plant without disturbance."""
+        return float(replace(self, ceiling=np.inf).step(Numbers, x, u, 0.0, k)[0])
+
+    def _kept(self, output: float) -> bool:
+        """Whether the hidden state stays as it is."""
+        return self.relay is None or self.relay.low <= output <= self.relay.high
 
     def plant(self, name: str) -> Plant:
         """Return the plant as a user declares one."""
@@ -137,14 +168,32 @@ class Region:
         """The least and the largest dy(k+d)/du(k)."""
         ahead = float(np.prod(self.of.c[: self.of.degree - 1]))
         ends = [ahead * g * s * e for g in self.gains for s in self._scale() for e in self.of.drive.slopes(*self.u)]
+        low, high = self.free if np.isfinite(self.of.ceiling) else (0.0, 0.0)
+        if low <= -self.of.ceiling or self.of.ceiling <= high:
+            beyond = high <= -self.of.ceiling or self.of.ceiling <= low
+            ends = [0.0] if beyond else [*ends, 0.0]
         return min(ends), max(ends)
+
+    @property
+    def free(self) -> Ends:
+        """What the first state would be if nothing kept it: of a linear plant of relative degree 1."""
+        of = self.of
+        rows = [(of.a[0], self.x[0]), *((c, self.x[1]) for c in of.c[:1])]
+        rows += [(g * float(of.drive.slope(0.0)), self.u) for g in self.gains[:1]]
+        return sum(min(f * e for e in ends) for f, ends in rows), sum(max(f * e for e in ends) for f, ends in rows)
+
+    @property
+    def switches(self) -> bool:
+        """Whether the output comes to where a hidden state turns."""
+        return self.of.relay is not None and Curve.meets((self.of.relay.low, self.of.relay.high), *self.x[0])
 
     @property
     def unbroken(self) -> bool:
         """Whether the equations are continuous there, with slopes that have a bound."""
         of = self.of
         return (
-            of.drive.unbroken(*self.u)
+            not self.switches
+            and of.drive.unbroken(*self.u)
             and of.drift.unbroken(*self.x[of.row])
             and (of.scale is None or of.scale.unbroken(*self.x[0]))
         )
@@ -152,16 +201,27 @@ class Region:
     @property
     def smooth_in_u(self) -> bool:
         """Whether the derivative by the input exists and is continuous there: states may jump besides."""
+        scaled = self.of.scale is None or self.of.scale.unbroken(*self.x[0])
+        return self.unbroken_in_u and scaled and not Curve.meets(self.of.drive.kinks, *self.u)
+
+    @property
+    def unbroken_in_u(self) -> bool:
+        """Whether the equations are defined, and continuous in the input alone, with slopes by it that have a bound."""
         of = self.of
         low, high = self.x[of.row]
         valued = not Curve.meets(of.drift.poles, low, high) and low > of.drift.least
-        scaled = of.scale is None or of.scale.unbroken(*self.x[0])
-        return of.drive.unbroken(*self.u) and not Curve.meets(of.drive.kinks, *self.u) and scaled and valued
+        scaled = of.scale is None or (not Curve.meets(of.scale.poles, *self.x[0]) and self.x[0][0] > of.scale.least)
+        low, high = self.free if np.isfinite(of.ceiling) else (0.0, 0.0)
+        kept = any(low <= end <= high for end in (-of.ceiling, of.ceiling))
+        return of.drive.unbroken(*self.u) and valued and scaled and not kept
 
     def magnitudes(self) -> tuple[Array, Array]:
         """Return bounds of |dx(k+1)/dx(k)| and |dx(k+1)/du(k)| that are reached there, entry by entry."""
         of, n = self.of, self.of.states
-        A, B = np.abs(np.diag(np.asarray(of.a, dtype=float))), np.zeros(n)
+        hidden = [] if of.relay is None else [1.0]
+        A, B = np.abs(np.diag([*map(float, of.a), *hidden])), np.zeros(n)
+        if of.relay is not None:
+            A[0, -1] = abs(of.relay.push)
         for i, c in enumerate(of.c):
             A[i, i + 1] = abs(c)
         drift = of.drift.slopes(*self.x[of.row])

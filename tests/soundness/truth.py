@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from soundness.bands import bands
 from soundness.case import Case, trial
 from soundness.curves import Curve, Numbers
 from soundness.laws import Memory, gains, learned
@@ -68,12 +69,15 @@ class Known:
     def memoryless(self) -> bool:
         of = self.chain
         plain = of.degree == 1 and of.states == 1 and of.scale is None and of.drift.slopes(-1.0, 1.0) == (0.0, 0.0)
+        plain = plain and of.relay is None and np.isinf(of.ceiling)
         return plain and of.a[0] == (1.0 if self.law.increment else 0.0)
 
     @property
     def straight(self) -> bool:
         """Whether the plant is linear."""
         of = self.chain
+        if of.relay is not None or np.isfinite(of.ceiling):
+            return False
         flat = [of.drive.slopes(-50.0, 50.0), of.drift.slopes(-50.0, 50.0)]
         return of.scale is None and all(low == high for low, high in flat) and not of.drive.jumps and not of.drift.jumps
 
@@ -112,17 +116,39 @@ class Known:
         return abs(total) > 0.02 and min(abs(g) for g in self.box.gains) > 1e-3
 
     def A2_lifted(self) -> Truth:
+        of = self.chain
         if self.box.unbroken:
             return Truth(True, self.alike, "the equations are continuous with bounded slopes on the box")
-        if self._jumps_in_hull() and self.chain.degree == 1:
-            return Truth(False, self.alike, "the output jumps with an input that trials come to")
+        jumps = [*(of.drift.jumps if of.row == 0 else ()), *(of.scale.jumps if of.scale is not None else ())]
+        jumping = Curve.meets(of.drive.jumps, *_inner(self.hull.u)) or any(self._comes_to(place) for place in jumps)
+        if of.degree == 1 and jumping:
+            return Truth(False, self.alike, "the output jumps with an input that trials come to, or with the output")
+        if of.degree == 1 and self._turned():
+            return Truth(False, self.alike, "an input that trials come to turns a hidden state, which moves the output")
         return UNKNOWN
 
-    def _jumps_in_hull(self) -> bool:
-        """Whether inputs that trials come to move the output across a jump: of the input, or of the output itself."""
-        of, hull = self.chain, self.hull
-        output = of.row == 0 and Curve.meets(of.drift.jumps, *_inner(hull.x[0]))
-        return Curve.meets(of.drive.jumps, *_inner(hull.u)) or output
+    def _comes_to(self, place: float) -> bool:
+        """Whether a trial comes to an output, an input follows, and the one before it could be moved to meet it."""
+        ends = zip(self.run.x, self.run.u, self.run.lengths, strict=True)
+        return any(self._moved(x, u, k, place) and abs(u[k]) > 1e-3 for x, u, end in ends for k in range(1, end))
+
+    def _moved(self, x: Array, u: Array, k: int, place: float) -> bool:
+        """Whether the input of the sample before, moved within what trials met, brings the output of k to a place."""
+        low, high = _inner(self.hull.u)
+        rise = float(self.chain.slopes(x[:, k - 1], u[k - 1], k - 1)[1][0])
+        return bool(rise) and low < u[k - 1] + (place - x[0, k]) / rise < high
+
+    def _turned(self) -> bool:
+        """Whether a hidden state turned in the plain run, and an input of the sample before could have held it."""
+        relay = self.chain.relay
+        if relay is None:
+            return False
+        for x, u, end in zip(self.run.x, self.run.u, self.run.lengths, strict=True):
+            for k in range(1, end - 1):
+                turns = x[-1, k + 1] - x[-1, k]
+                if turns and self._moved(x, u, k, relay.high if turns > 0 else relay.low):
+                    return True
+        return False
 
     def A3(self) -> Truth:
         return Truth(True, True, "lengths are drawn from their distribution")
@@ -130,7 +156,7 @@ class Known:
     def A4_partial(self) -> Truth:
         due = self.same_plant and self.scope
         box, hull = self.box.slope, self.hull.slope
-        if self.box.unbroken and box[0] > CLEAR * abs(box[1]):
+        if self.box.unbroken_in_u and box[0] > CLEAR * abs(box[1]):
             return Truth(True, due, "the least slope on the box is positive")
         met = hull[0] < -1e-4 * abs(hull[1]) or hull[1] < 0
         if self.hull.unbroken and met:
@@ -138,6 +164,10 @@ class Known:
         flat = self.case.clipped is not None and any(
             not lo < e < hi for lo, hi in [self.case.clipped] for e in self.hull.u
         )
+        if np.isfinite(self.chain.ceiling) and hull[0] == 0:
+            ends = self.hull.free
+            well = ends[0] < -self.chain.ceiling * (1 + 1e-3) or self.chain.ceiling * (1 + 1e-3) < ends[1]
+            return Truth(False, due and well, "the slope is 0 where the first state is kept at its end")
         if flat and hull[0] == 0:
             return Truth(False, due and hull[1] == 0, "the slope is 0 beyond the actuator's end")
         return UNKNOWN
@@ -159,9 +189,9 @@ class Known:
         return Truth(True, len(self.run.u) >= 2, "the reset keeps the sign")
 
     def lambda_partial(self) -> Truth:
-        due = self.same_plant and self.scope and self.box.unbroken
+        due = self.same_plant and self.scope
         least = [(self.law.rho * max(abs(e) for e in one.slope)) ** 2 / 4 for one in (self.box, self.hull)]
-        if not self.box.unbroken:
+        if not self.box.unbroken_in_u:
             return UNKNOWN
         if self.law.lam > least[0] * (1 + 1e-3):
             return Truth(True, due, "lambda lies above the bound by the largest slope on the box")
@@ -198,8 +228,8 @@ class Known:
         plain = first and self.alike and self.quiet and self._continuous_everywhere and not self.run.fell
         if plain and self._gain_fits(low, high):
             return Truth(True, self.case.lengths.law != "given", "slopes lie between two ends above 0, and l b below 2")
-        flat = first and self.alike and self.quiet and self._continuous_everywhere and low == high
-        if flat and self._never_nearer(high) and self.case.lengths.law != "given":
+        known = first and self.alike and self.quiet and self._continuous_everywhere
+        if known and self._never_nearer(low, high) and self.case.lengths.law != "given":
             return Truth(False, self.law.phi0 > 0, "the error of the first sample never falls")
         return UNKNOWN
 
@@ -271,7 +301,7 @@ class Known:
         if plain and self._continuous_everywhere and self._gain_fits(low, high) and not self.run.fell:
             due = self.law.ends[0] > 0 and self.increment_funnel().due
             return Truth(True, due, "as for the conclusion of Theorem 1, within a funnel")
-        if plain and low == high and self._never_nearer(high):
+        if plain and low == high and self._never_nearer(low, high):
             return Truth(False, False, "the error of the first sample never falls, and there is no funnel to rest on")
         return UNKNOWN
 
@@ -293,24 +323,27 @@ class Known:
     @property
     def _plain_width(self) -> float:
         """The widest band of the output by intervals, of a linear plant whose inputs lie between plan and target."""
-        case, of = self.case, self.chain
-        start = np.array(case.start or (0.0,) * of.states)
-        x = np.stack([start - case.spread, start + case.spread], axis=-1)
-        widest = 0.0
-        for k in range(case.horizon):
-            b = float(of.gain_at(Numbers, k)) * float(of.drive.slope(0.0))
-            w = np.array([-case.drawn, case.drawn]) + (0.0 if case.given is None else case.given[k])
-            free = _between(np.array([of.a[0] - 1.0, *of.c[:1]]), x[:2]) + w
-            rise = case.reference[k + 1] - case.reference[k] + 2 * case.noise * np.array([-1.0, 1.0])
-            target = np.sort((rise - free[::-1]) / b)
-            u = np.array([min(self.law.first, target[0]), max(self.law.first, target[1])])
-            rows = []
-            for i in range(of.states):
-                rows.append(_between(np.array([of.a[i], *of.c[i : i + 1]]), x[i : i + 2]))
-            rows[0] = rows[0] + np.sort(b * u) + w
-            x = np.array(rows)
-            widest = max(widest, float(np.diff(x[0])[0]))
-        return widest
+        output, _, _ = bands(self.case, None)
+        return float(np.diff(output[1:]).max())
+
+    def learning_curve(self) -> Truth:
+        """There is a curve that falls where plain intervals, trial by trial, make one."""
+        found = self.increment_funnel()
+        if not found.holds:
+            return UNKNOWN
+        case, last = self.case, self.case.lengths.least(self.case.horizon)
+        gain = np.array([float(self.chain.gain_at(Numbers, k)) for k in range(case.horizon)])
+        shares = np.array(self.law.ends)[:, None, None] * (gain * float(self.chain.drive.slope(0.0)))[None, :, None]
+        plans, curve = np.full((case.horizon, 2), self.law.first), []
+        for _ in range(case.trials):
+            output, _, targets = bands(self.case, plans)
+            off = np.abs(np.array(case.reference)[:, None] - output).max(axis=1)[1 : last + 1]
+            curve.append(float(np.mean(off**2)))
+            moved = plans[None] + shares * (targets - plans)[None]
+            plans = np.stack([moved[..., 0].min(axis=0), moved[..., 1].max(axis=0)], axis=-1)
+        if curve[-1] < curve[0] * (1 - 1e-3):
+            return Truth(True, found.due, "bounds by plain intervals fall from the first trial to the last")
+        return UNKNOWN
 
     def does_not_diverge(self) -> Truth:
         return Truth(not self.run.fell, True, "so went the plain run")
@@ -356,6 +389,14 @@ class Known:
         room = min(np.inf if high is None else high - most, np.inf if low is None else least - low)
         if room < -CLEAR:
             return Truth(False, True, "a trial of the plain run leaves the bounds")
+        found = self.increment_funnel() if self.law.increment else UNKNOWN
+        if not found.holds:
+            return UNKNOWN
+        output, inputs, _ = bands(self.case, None)
+        band = output if name == "x0" else inputs
+        room = min(np.inf if high is None else high - band.max(), np.inf if low is None else band.min() - low)
+        if room > CLEAR:
+            return Truth(True, found.due, "the band by plain intervals lies within the bounds")
         return UNKNOWN
 
     # what several claims need
@@ -414,17 +455,20 @@ class Known:
     def _continuous_everywhere(self) -> bool:
         of = self.chain
         parts = [of.drive, of.drift, *([of.scale] if of.scale is not None else [])]
-        return all(not one.jumps and not one.poles and one.least == -np.inf for one in parts)
+        good = all(not one.jumps and not one.misses and not one.poles and one.least == -np.inf for one in parts)
+        return of.relay is None and good
 
     def _gain_fits(self, low: float, high: float) -> bool:
         least, most = self.law.ends
         return bool(np.isfinite(high)) and low > 1e-6 and least >= 0 and most > 0 and most * high < 2 - 1e-6
 
-    def _never_nearer(self, b: float) -> bool:
-        """Whether no trial brings the first sample nearer, for a slope that is the same everywhere."""
+    def _never_nearer(self, low: float, high: float) -> bool:
+        """Whether no trial brings the first sample nearer, for slopes between two ends."""
         first = self.run.x[0][0, 1] - self.case.reference[1] if self.run.x else 0.0
         least, most = self.law.ends
-        beyond = (b < -CLEAR and most > 0 and least >= 0) or least * b > 2 + CLEAR
+        if not np.isfinite([low, high]).all():
+            return False
+        beyond = (high < -CLEAR and most > 0 and least >= 0) or least * low > 2 + CLEAR
         return beyond and abs(first) > CLEAR
 
     @cached_property
@@ -471,7 +515,8 @@ class Known:
     def _increments_known(self) -> bool:
         """Whether the theorems on increments speak of the case, whose equations are well behaved on the box."""
         first = self.chain.degree == 1 and self.case.clipped is None and self.law.phi0 > 0
-        return first and self.alike and self.quiet and self.box.unbroken
+        kept = np.isfinite(self.chain.ceiling)
+        return first and self.alike and self.quiet and self.box.unbroken and not kept
 
     def _row_sums(self, weight: float) -> Array:
         A, B = self.box.magnitudes()
@@ -541,11 +586,6 @@ def _lifted(of: Chain, x: Array, u: Array, increment: bool) -> Array:
     return G
 
 
-def _between(factors: Array, ends: Array) -> Array:
-    """Return the ends of a sum of factors times what lies between ends, (n, 2)."""
-    return np.sort(factors[: len(ends), None] * ends, axis=1).sum(axis=0)
-
-
 def _region(of: Chain, box: Ends) -> Region:
     low, high = (end.ravel() for end in box["x"])
     first, last = (int(end.ravel()[0]) for end in box["k"])
@@ -600,11 +640,12 @@ CLAIMS = {
     "increment_weighted": Known.increment_weighted,
     "increment_funnel": Known.increment_funnel,
     "increment_limit": Known.increment_limit,
+    "learning_curve": Known.learning_curve,
     "does_not_diverge": Known.does_not_diverge,
     "error_falls": Known.error_falls,
     "estimate_useful": Known.estimate_useful,
 }
-"""Of which the truth is known from a case's parameters; of learning_curve no more than what runs can contradict."""
+"""Of which the truth is known from a case's parameters."""
 
 
 def truth(known: Known, claim: str) -> Truth:

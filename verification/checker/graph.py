@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from flint import fmpq
 
-from verification.checker.interval import NONE, RULES, STEPS, Known, Rule, Span, hull, truth
+from verification.checker.interval import INF, NONE, RULES, STEPS, Known, Rule, Span, hull, truth
 from verification.checker.reading import Unknown, exact, need, number, record, rows, text, whole
 
 GRAPH = "workbench.graph/1"
@@ -36,7 +36,8 @@ class Plan(NamedTuple):
 class Graph:
     """Nodes of which no two are equal, arguments first. It grows as slopes are asked for.
 
-    ``outputs`` names the nodes of results, ``coordinates`` the inputs in their order, ``ports`` those of each port.
+    ``outputs`` names the nodes of results, ``coordinates`` the inputs in their order, ``ports`` those of each port,
+    ``places`` their port, row and column, and ``wide`` tells which ports have several columns.
     Nodes that are ``apart`` depend on one coordinate each; they become coordinates too, ``inner`` holds what they are.
     """
 
@@ -49,8 +50,12 @@ class Graph:
             raise Unknown("a lookup table has no rule here")
         self.coordinates: list[str] = []
         self.ports: dict[str, list[str]] = {}
+        self.places: list[tuple[str, int, int]] = []
+        self.wide: dict[str, bool] = {}
         for port in rows(inputs):
-            name, _, places, labels = record(port, "name", "shape", "places", "labels")
+            name, shape, places, labels = record(port, "name", "shape", "places", "labels")
+            self.places += [(name, *rows(place, 2)) for place in places]
+            self.wide[name] = rows(shape, 2)[1] > 1
             self.ports[text(name)] = [text(label) for label in rows(labels, len(rows(places)))]
             self.coordinates += self.ports[name]
         need(len(set(self.coordinates)) == len(self.coordinates), "coordinates must have names of their own")
@@ -233,8 +238,7 @@ class Graph:
             ],
         )
 
-    @staticmethod
-    def enclose(plan: Plan, box: Box, taken: dict[int, int | None]) -> dict[int, Known]:
+    def enclose(self, plan: Plan, box: Sequence[Known], taken: dict[int, int | None]) -> dict[int, Known]:
         """Enclose nodes on a box; ``taken`` keeps which branches it decides.
 
         A part of a box must be given what was decided on the whole: on its edge it might decide otherwise, and be no
@@ -248,11 +252,37 @@ class Graph:
                 of = [values[arg] for arg in args]
                 if k not in taken:
                     taken[k] = _decided(op, of)
+                if taken[k] is None and op in ("sel", "gate"):
+                    of[1:] = [self._narrowed(a, values, args[0], i == 0) for i, a in enumerate(args[1:])]
                 values[k] = _chosen(op, of, taken[k])
                 continue
             a, b = values[first], values[last]
             values[k] = None if a is None or b is None else rule(a) if len(args) == 1 else rule(a, b)
         return values
+
+    def _narrowed(self, node: int, values: dict[int, Known], condition: int, holds: bool) -> Known:
+        """Return an interval around a branch of a choice, cut to what its condition tells of that node itself."""
+        span, (op, *args) = values[node], self.nodes[condition]
+        if op == "not":
+            return self._narrowed(node, values, args[0], not holds)
+        if op == ("and" if holds else "or"):
+            for arg in args:
+                span = self._narrowed(node, values | {node: span}, arg, holds)
+            return span
+        if op not in ("lt", "le", "eq") or (op == "eq" and not holds):
+            return span
+        small, large = args if holds and self.nodes[args[1]] != ("sign", node) else args[::-1]
+        low, high = (values[small] or (-INF, INF))[0], (values[large] or (-INF, INF))[1]
+        if op == "eq":
+            if self.nodes[small] != ("sign", node):
+                return span
+            low, high = 0.0 if (values[large] or NONE)[0] > 0 else -INF, 0.0 if (values[large] or NONE)[1] < 0 else INF
+        elif node in (small, large):
+            low, high = (low, INF) if node == large else (-INF, high)
+        else:
+            return span
+        found = None if span is None else (max(span[0], low), min(span[1], high))
+        return found if found and found[0] <= found[1] else span
 
 
 def _decided(op: str, of: list[Known]) -> int | None:

@@ -90,7 +90,11 @@ THEOREMS: Mapping[str, Theorem] = {
     "increment_funnel": Theorem(
         "In every trial each signal stays in its band, whatever the trial lengths and whatever the law estimates.",
         ("sets", "relative_degree_1", "no_filter", "plan_alone", "update_form", "positive_gain", "starts_given"),
-        [[">=", "sets: l_max", "positive_gain: largest learning gain"]],
+        [
+            ["=", "update_form: increment", "1"],
+            [">=", "sets: l_max", "update_form: most"],
+            [">=", "update_form: least", "0"],
+        ],
     ),
     "increments": Theorem(
         "For every positive estimate max |u* - u| weight^k falls from trial to trial.",

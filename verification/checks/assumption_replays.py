@@ -6,7 +6,7 @@ import numpy as np
 
 from models.plant import Plant
 from models.quantity import InvalidValue
-from verification.checks import continuity
+from verification.checks import assumptions, continuity
 from verification.checks.delayed import delayed_output
 from verification.checks.points import Witness, derivative_at, point_of
 from workbench.evidence.ppd import Evidence, learned_signal
@@ -73,6 +73,26 @@ def replay_vanishing(plant: Plant, evidence: Evidence, witness: Witness) -> floa
         learned_signal(rollout(plant, x0, one, w)[1], evidence.increment)[k + evidence.degree] for one in (plan, other)
     ]
     return -abs(float(ends[1] - ends[0]) / float(du[-1]))
+
+
+def replay_across(plant: Plant, evidence: Evidence, witness: Witness) -> float:
+    """Return the largest row sum along the last trial less the ratio of a witness's two plans, both run."""
+    trial, m = place_of(witness)
+    taken, plans = evidence.trajectories, witness.get("plans")
+    samples = taken.u.shape[1]
+    made = np.asarray(plans if isinstance(plans, list) else [], dtype=float)
+    if made.shape != (2, samples) or not 0 <= trial < taken.u.shape[0] or not evidence.degree <= m <= samples:
+        raise InvalidValue(f"a witness is replayed with two plans of {samples} samples: verify again")
+    ends = [
+        learned_signal(rollout(plant, taken.x[trial, :, 0], plan, taken.w[trial])[1], evidence.increment)[m]
+        for plan in made
+    ]
+    du = float(np.abs(made[1] - made[0])[: m - evidence.degree + 1].max())
+    if not du > 0:
+        raise InvalidValue("the plans of a witness must differ before its sample, and are the same")
+    off, own = assumptions.lifted_along(plant, evidence).row_sums()
+    along = float((off + own).max())
+    return (along if np.isfinite(along) else 0.0) - float(abs(ends[1] - ends[0])) / du
 
 
 def slope_at(plant: Plant, evidence: Evidence, witness: Witness) -> float:

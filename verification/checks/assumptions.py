@@ -11,17 +11,18 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from scipy import stats
 
 from models.array import Array
 from models.plant import Plant
 from verification.checks import continuity
-from verification.checks.delayed import delayed_box, delayed_output, delayed_slope
+from verification.checks.across_jump import Across, across_jump
+from verification.checks.delayed import delayed_box, delayed_graph, delayed_output, delayed_slope
 from verification.checks.domain import described
 from verification.checks.row_sums import SlopeBounds, off_diagonal
 from verification.enclosure.bounds import bound, prove_positive
 from verification.enclosure.box import Box
 from verification.enclosure.smoothness import continuous_on
+from verification.enclosure.tables import told
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.contracts.study import Study
 from workbench.evidence.lifted import Lifted
@@ -40,10 +41,8 @@ def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
     goes to 0.
     """
     if not remembers(plant, evidence):
-        f, inner = (
-            delayed_output(plant, evidence.degree, increment=evidence.increment),
-            delayed_box(box, evidence.degree),
-        )
+        f = delayed_graph(plant, evidence.degree, increment=evidence.increment).only("y")
+        inner = delayed_box(box, evidence.degree)
         found = bound(delayed_slope(f), inner)
         ends = [found.lower, found.upper]
         if np.isfinite(ends).all() and continuous_on(f, inner).proved:
@@ -52,7 +51,8 @@ def lipschitz_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
                 holds=bool(np.isfinite(ends).all()),
                 bound=max(abs(found.lower), abs(found.upper)),
                 bound_unit=gain_unit(*units_of(plant)),
-                method=f"the output depends on no earlier input; p is the largest |df/du| for {described(plant, box)}",
+                method=f"the output depends on no earlier input; p is the largest |df/du| for {described(plant, box)}"
+                + told(f),
             )
         jump = continuity.continuous_slope(plant, box, evidence.degree)
         if continuity.jumps_with_input(jump.witness or {}) and jump.fails:
@@ -164,8 +164,8 @@ def _largest_ratio(evidence: Evidence) -> dict[str, object]:
 def lipschitz_lifted(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box: Box) -> Finding:
     """A2 repaired: |ds(k+d)| <= p max over j <= k of |du(j)|, p the largest row sum of |G|.
 
-    PROVED over the box where intervals bound it; else SUPPORTED along the last trial's trajectory, unless the output
-    is seen to jump inside the box.
+    PROVED over the box where intervals bound it. REFUTED by two plans whose trials stay in the box and pass a jump on
+    different sides. Else SUPPORTED along the last trial's trajectory, unless something is seen to jump inside the box.
     """
     along = lifted_along(plant, evidence)
     off, own = along.row_sums()
@@ -182,8 +182,10 @@ def lipschitz_lifted(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box:
             bound=float(np.nextafter(total, np.inf)),
             bound_unit=unit,
             witness=witness,
-            method=f"row sums of |G| by intervals for {described(plant, box)}; {_beside(total, p)}",
+            method=f"row sums of |G| by intervals for {described(plant, box)}; {_beside(total, p)}{slopes.told}",
         )
+    if (met := across_jump(plant, evidence, box)) is not None:
+        return _unbounded(evidence, met, p, unit)
     if not np.isfinite(p):
         return undecided("the row sums along the last trial's plan are not finite")
     if jump := continuity.jump_reached(plant, box, evidence.degree):
@@ -200,6 +202,31 @@ def lipschitz_lifted(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box:
         witness=witness,
         method="row sums of |G| along the trajectory of the last trial's plan, run to the horizon; over the box they "
         f"were not bounded: {slopes.reason or 'the bounds are not finite'}",
+    )
+
+
+def _unbounded(evidence: Evidence, met: Across, along: float, unit: str) -> Finding:
+    """Return the refutation by two plans next to each other whose outputs are apart by a jump."""
+    return Finding(
+        grounds=Grounds.RUN,
+        margin=(along if np.isfinite(along) else 0.0) - met.ratios[-1],
+        unit=unit,
+        witness={
+            "controller": evidence.controller,
+            "trial": met.trial,
+            "sample": met.sample,
+            "plans": [plan.tolist() for plan in met.plans],
+            "du": met.du,
+            "ratios": met.ratios,
+            "apart": met.apart,
+            "jumps_along": met.broken.across,
+            "jump": met.broken.gap,
+            "switch": met.switch,
+        },
+        method=f"two plans that differ by {met.du[-1]:.3g} at the most pass {met.switch} on different sides, where the "
+        f"equations jump by {met.broken.gap:.4g} along {met.broken.across}: at sample {met.sample} what is learned on "
+        f"is apart by {met.apart:.4g}, however near the plans come to each other, so no p exists; the margin is the "
+        "largest row sum along the last trial less the ratio of the two",
     )
 
 
@@ -225,6 +252,8 @@ def trial_lengths(study: Study, lengths: Array) -> Finding:
 
     The table and p(k) are checked by algebra, the drawn lengths by exact binomial tests of every length (Bonferroni).
     """
+    from scipy import stats  # it takes longer to load than most of what is here
+
     horizon, law = study.horizon, study.scenario.trial_length
     possible, probabilities = law.distribution(horizon)
     if abs(float(np.sum(probabilities)) - 1) > 1e-12 or (probabilities < 0).any():
@@ -313,21 +342,26 @@ def sign_printed(plant: Plant, evidence: Evidence, box: Box) -> Finding:
 
 
 def sign_partial(plant: Plant, evidence: Evidence, box: Box) -> Finding:
-    """A4 for the partial derivative: inf dy(k+d)/du(k) > 0 over the box."""
-    f, inner = delayed_output(plant, evidence.degree, increment=evidence.increment), delayed_box(box, evidence.degree)
+    """A4 for the partial derivative: inf dy(k+d)/du(k) > 0 over the box.
+
+    It speaks of one input while the state and all else are held, so the output has to be continuous along u alone.
+    """
+    f = delayed_graph(plant, evidence.degree, increment=evidence.increment).only("y")
+    inner = delayed_box(box, evidence.degree)
     found = prove_positive(delayed_slope(f), inner)
     place = f"dy(k+{evidence.degree})/du(k) by intervals for {described(plant, box)}"
     if found.standing == "proved":
-        continuous = continuous_on(f, inner)
+        continuous = continuous_on(f, inner, along=("u",))
         if not continuous.proved:
             return undecided(
-                f"the output is not shown to be continuous, so a positive slope says little: {continuous.reason}"
+                "the output is not shown to be continuous along u, so a positive slope says little: "
+                f"{continuous.reason}"
             )
         return Finding(
             grounds=Grounds.ENCLOSURE,
             margin=found.lower,
             unit=gain_unit(*units_of(plant)),
-            method=f"{place}; the margin is its lower bound",
+            method=f"{place}; the margin is its lower bound{told(f)}",
         )
     if found.standing == "refuted" and found.witness is not None:
         point = {name: value[0].ravel().tolist() for name, value in found.witness.point.items() if value[0].size}

@@ -8,6 +8,7 @@ differences between trials ask more, namely that f is continuous in x too.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from models.array import Array
 from models.plant import Plant
 from models.quantity import InvalidValue
-from verification.checks.delayed import delayed_box, delayed_output
+from verification.checks.delayed import delayed_box, delayed_graph, delayed_output
 from verification.checks.domain import described
 from verification.checks.points import derivative_at, filled, point_of, value_at
 from verification.checks.slope import slope
@@ -24,9 +25,11 @@ from verification.enclosure.breaks import Break, break_at
 from verification.enclosure.interval import enclose
 from verification.enclosure.reach import Reach, Smoothness
 from verification.enclosure.smoothness import continuous_on
+from verification.enclosure.switches import Switches
+from verification.enclosure.tables import with_tables
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.evidence.ppd import gain_unit, units_of
-from workbench.graph import Graph, Unreadable, call, read
+from workbench.graph import Entry, Graph, Result, Unreadable, call, read
 
 STEP = 1e-6
 """How far from the place a replay looks, of the larger of 1 and the coordinate's magnitude."""
@@ -58,7 +61,7 @@ def continuous_slope(plant: Plant, box: Box, degree: int = 1) -> Finding:
     for what, graph, along, found in asked:
         for reach in found.reaches if not found.proved else ():
             refuted = _jumps(plant, f, slopes, inner, reach, break_at(graph, inner, reach, along), what) or (
-                _has_no_end(plant, f, slopes, inner, reach)
+                _has_no_end(plant, f, slopes, inner, reach, what)
             )
             if refuted is not None:
                 return refuted
@@ -126,26 +129,38 @@ def jumps_with_input(witness: Mapping[str, object]) -> bool:
 
 
 def jump_reached(plant: Plant, box: Box, degree: int = 1) -> str:
-    """Return in words where y(k+d) jumps inside a box, along a state or an input, or an empty text."""
+    """Return in words where y(k+d) or a state jumps inside a box, along a state or an input, or an empty text."""
     try:
-        f = read(delayed_output(plant, degree))
+        f = with_tables(delayed_graph(plant, degree))
     except Unreadable:
         return ""
     inner = delayed_box(box, degree)
-    found = continuous_on(f, inner)
-    for reach in found.reaches if not found.proved else ():
-        broken = break_at(f, inner, reach)
-        if broken is not None:
-            return f"it jumps by {broken.gap:.4g} along {broken.across}, at {reach.operation.expression}"
+    for entry in (entry for result in f.outputs for entry in result.entries):
+        row = replace(f, outputs=(Result("f", (1, 1), (Entry(0, 0, entry.node),)),)).only("f")
+        found = continuous_on(row, inner)
+        for reach in found.reaches if not found.proved else ():
+            broken = break_at(row, inner, reach)
+            if broken is not None:
+                return f"it jumps by {broken.gap:.4g} along {broken.across}, at {reach.operation.expression}"
     return ""
 
 
-def _has_no_end(plant: Plant, f: Graph, slopes: Graph, box: Box, reach: Reach) -> Finding | None:
+def _ends_finite(slopes: Graph, reach: Reach, at: dict[str, Array], what: str) -> bool:
+    """Tell whether df/du is finite at a point, and to both sides of the switch of df/du that was reached there."""
+    sides = [slopes]
+    if what != "f" and reach.operation.kind == "jump":
+        switches = Switches(slopes)
+        switch = switches.of(reach.operation.instruction)
+        sides += [] if switch is None else [switches.side(switch, sign) for sign in (-1, 1)]
+    return all(np.isfinite(call(side, at)["slope"][0, 0]) for side in sides)
+
+
+def _has_no_end(plant: Plant, f: Graph, slopes: Graph, box: Box, reach: Reach, what: str) -> Finding | None:
     """Return the refutation where f has no value at a point, or no finite slope."""
     if reach.reachable != "yes" or reach.point is None:
         return None
     at = _point(reach)
-    value, slope_there = float(call(f, at)["y"][0, 0]), float(call(slopes, at)["slope"][0, 0])
+    value = float(call(f, at)["y"][0, 0])
     if not np.isfinite(value) and enclose(f, reach.point).undecided is not None:
         return Finding(
             grounds=Grounds.ENCLOSURE,
@@ -154,7 +169,7 @@ def _has_no_end(plant: Plant, f: Graph, slopes: Graph, box: Box, reach: Reach) -
             method=f"f has no finite value at the point: it lies outside of the domain of {reach.operation.name} in "
             f"{reach.operation.expression}, so no derivative exists there",
         )
-    if np.isfinite(slope_there):
+    if _ends_finite(slopes, reach, at, what):
         return None
     for side in (1.0, -1.0):
         steps, quotients = _quotients(f, box, at, side)

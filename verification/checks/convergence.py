@@ -12,7 +12,7 @@ from models.plant import Plant
 from verification.checks.assumption_replays import place_of, ratio_at
 from verification.checks.domain import described
 from verification.checks.points import Witness
-from verification.checks.row_sums import SlopeBounds
+from verification.checks.row_sums import GainBounds
 from verification.enclosure.box import Box
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.contracts.law import Estimator
@@ -65,12 +65,12 @@ def lambda_unit(evidence: Evidence) -> str:
     return f"({output} per {evidence.estimator.force_unit:g} {given})^2"
 
 
-def lambda_partial(plant: Plant, evidence: Evidence, slopes: SlopeBounds, box: Box) -> Finding:
+def lambda_partial(plant: Plant, evidence: Evidence, slopes: GainBounds, box: Box) -> Finding:
     """The lambda used exceeds (rho b)^2/4 with b = sup ds(k+d)/du(k) over the box."""
-    if slopes.reason:
-        return undecided(slopes.reason)
+    if slopes.gain_reason:
+        return undecided(slopes.gain_reason)
     b = max(abs(slopes.gain_low), abs(slopes.gain_high))
-    found = _compared(evidence, b, f"b by intervals for {described(plant, box)}", Grounds.ENCLOSURE)
+    found = _compared(evidence, b, f"b by intervals for {described(plant, box)}{slopes.told}", Grounds.ENCLOSURE)
     if not found.fails or slopes.steepest is None:
         return found
     met = max(slopes.steepest.lower, -slopes.steepest.upper)

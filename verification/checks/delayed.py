@@ -8,6 +8,7 @@ import numpy as np
 from models.plant import Plant
 from verification.checks.slope import slope
 from verification.enclosure.box import Box
+from verification.enclosure.tables import with_tables
 from workbench.graph import Graph, read
 
 LATER = ("later_u", "later_w")
@@ -55,6 +56,14 @@ def delayed_box(box: Box, degree: int) -> Box:
     return Box(ranges, whole=tuple(dict.fromkeys((*box.whole, "k"))))
 
 
-def delayed_slope(function: ca.Function) -> Graph:
+def delayed_graph(plant: Plant, degree: int, *, increment: bool = False) -> Graph:
+    """Return :func:`delayed_step` as a graph, with tables that it spells out read as tables.
+
+    So its slopes are those of the continuous function through a table's points. Raises Unreadable where it has none.
+    """
+    return with_tables(read(delayed_step(plant, degree, increment=increment)))
+
+
+def delayed_slope(graph: Graph) -> Graph:
     """Return the exact derivative of the output ``y`` by the first entry of ``u``, as a graph."""
-    return slope(read(function), "y", "u")
+    return slope(graph, "y", "u")

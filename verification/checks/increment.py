@@ -90,7 +90,7 @@ def monotone(law: Estimator, slopes: SlopeBounds, wanted: Wanted, plant: Plant, 
             witness={"b_low": slopes.gain_low, "b_high": slopes.gain_high, "row_sum": r, "factor_at_phi0": shrunk},
             method=f"row sums by intervals: r = {r / slopes.gain_low:.3g} b < b and l_max (b + r) = {reach:.3g} < 2 "
             f"for {described(plant, box)}, and for every phi > 0; the input error contracts by {shrunk:.4g} a trial at "
-            "phi(k,1); the margin is the lesser of (b - r)/b and 2 - l_max (b + r)",
+            f"phi(k,1); the margin is the lesser of (b - r)/b and 2 - l_max (b + r){slopes.told}",
         )
     if not slopes.gain_low > 0:
         return undecided(f"the gain must be positive over the box, its bound is {slopes.gain_low:.3g}")
@@ -197,7 +197,8 @@ def weighted(law: Estimator, slopes: SlopeBounds, plant: Plant, box: Box, sample
         f"any phi > 0 (r(a) = {r / slopes.gain_low:.3g} b, by intervals for {described(plant, box)}); max |d(k)| may "
         f"rise by {transient:.3g} at most on the way"
         + (", a bound that is true but of no use" if transient > LOOSE else "")
-        + f"; the margin is the lesser of (b - r)/b and 2 - l_max (b + r), and a up to {edge:.5f} would do",
+        + f"; the margin is the lesser of (b - r)/b and 2 - l_max (b + r), and a up to {edge:.5f} would do"
+        + slopes.told,
     )
 
 

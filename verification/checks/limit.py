@@ -59,10 +59,11 @@ import numpy as np
 
 from models.array import Array
 from models.plant import Plant
-from verification.checks.delayed import delayed_box, delayed_step
+from verification.checks.delayed import delayed_box, delayed_graph
 from verification.checks.slope import slope
 from verification.enclosure import outward
 from verification.enclosure.box import Box
+from verification.enclosure.everywhere import ends, over_the_reals
 from verification.enclosure.interval import evaluate, reason, supported
 from verification.enclosure.rewriting import rewritten
 from verification.enclosure.smoothness import breaks_somewhere, continuous_on
@@ -70,7 +71,7 @@ from workbench.contracts.claim import Held
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.contracts.law import AnyLaw, LearningGain
 from workbench.contracts.study import Study
-from workbench.graph import Unreadable, read
+from workbench.graph import Unreadable
 
 ROUNDED = 2.0**-40
 """What a trial may round at its first sample, of the magnitudes met there: 4096 units in the last place."""
@@ -79,15 +80,15 @@ Slope = tuple[float, float]
 
 
 def slope_everywhere(plant: Plant, horizon: int) -> Slope | str:
-    """Return the ends of dy(k+1)/du(k) over all states and inputs, k = 0..N-1, or why they are not known.
+    """Return the ends of dy(k+1)/du(k) over all states, inputs and disturbances, k = 0..N-1, or why there are none.
 
-    They are known where that slope does not depend on states, inputs or disturbances at all: it is then enclosed at
-    every whole k.
+    It is enclosed at every whole k, whatever states, inputs and disturbances are: sines, tables and switches have ends
+    where their arguments have none.
     """
     if not outward.arithmetic_is_ieee():
         return "this process does not round to nearest or drops subnormals"
     try:
-        graph = slope(read(delayed_step(plant, 1)), "y", "u")
+        graph = slope(delayed_graph(plant, 1), "y", "u")
     except Unreadable as error:
         return str(error)
     found = rewritten(graph)
@@ -99,30 +100,33 @@ def slope_everywhere(plant: Plant, horizon: int) -> Slope | str:
             return reason(found, {}, k)
     labels = graph.labels()
     needed = [label for label, used in zip(labels, found.coordinates((node,), len(labels)), strict=True) if used]
-    if moving := [label for label in needed if label != "k"]:
-        return (
-            f"the slope of y(k+1) by u(k) depends on {' and '.join(moving)}: a set that is shown to hold every trial "
-            "would decide"
-        )
     points = np.zeros((len(labels), horizon))
     if "k" in labels:
         points[labels.index("k")] = np.arange(horizon)
-    values = evaluate(found, points, points, [node])
-    span, fault = values[node]
+    real = np.array([label != "k" for label in labels])
+    wide, moved = over_the_reals(found, real)
+    span, fault = evaluate(wide, *ends(points, points, real[:, None]), [node + moved])[node + moved]
+    moving = [label for label in needed if label != "k"]
+    if moving and not (np.isfinite(span.lo) & np.isfinite(span.hi)).all():
+        return (
+            f"the slope of y(k+1) by u(k) depends on {' and '.join(moving)}, and no ends of it are known for all of "
+            "them: a set that is shown to hold every trial would decide"
+        )
     if fault is not None and (fault >= 0).any():
         column = int(np.argmax(np.broadcast_to(fault, horizon) >= 0))
-        return f"at sample {column} the slope of y(k+1) by u(k) has no value"
+        of = f" for some {' and '.join(moving)}" if moving else ""
+        return f"at sample {column} the slope of y(k+1) by u(k) has no value{of}"
     return float(np.min(span.lo)), float(np.max(span.hi))
 
 
 def not_continuous(plant: Plant, horizon: int, *, increment: bool = False, over: Box | None = None) -> str | None:
     """Return why states and outputs are not shown to be defined and continuous at k = 0..N-1, or None.
 
-    Everywhere, for all states and inputs: the equations are then made of operations that have no pole, jump or end of
-    a domain anywhere; kinks do no harm. Or over a box that holds every trial.
+    Everywhere, for all states and inputs: no operation has a pole or the end of a domain where it counts, and where
+    there is a switch both sides agree; kinks do no harm. Or over a box that holds every trial.
     """
     try:
-        graph = read(delayed_step(plant, 1, increment=increment))
+        graph = delayed_graph(plant, 1, increment=increment)
     except Unreadable as error:
         return str(error)
     broken = breaks_somewhere(graph, {"k": (0.0, float(horizon - 1))})
@@ -232,7 +236,7 @@ def output_limit(study: Study, law: AnyLaw, bounds: Slope | str, fell: str, erro
     if isinstance(room, str):
         return undecided(room)
     why = (
-        "the slope is the same for all states and inputs, so that every target has one input, and the estimate is "
+        "the slope has these ends for all states and inputs, so that every target has one input, and the estimate is "
         "bounded by the same induction, so that l has a least value. That is another reason than that of the printed "
         "proof, whose assumptions it does without"
     )

@@ -15,10 +15,11 @@ from verification.checks.slope import slope
 from verification.enclosure.bounds import bound
 from verification.enclosure.box import Box
 from verification.enclosure.smoothness import continuous_on
+from verification.enclosure.tables import told, with_tables
 from workbench.contracts.certificate import Certificate
 from workbench.contracts.claim import Held
 from workbench.contracts.finding import Finding, Grounds, undecided
-from workbench.graph import read
+from workbench.graph import Unreadable, read
 
 BUDGET = 300
 """Boxes spent on every entry of the Jacobian and band."""
@@ -37,7 +38,11 @@ def lipschitz(plant: Plant, lower: Sequence[float], upper: Sequence[float], band
     of |df/dx| (maximum norm). A jump inside the box refutes it: the witness is a pair of states across the jump.
     """
     f = _right_hand_side(plant)
-    smooth = continuous_on(f, Box({"x": (list(lower), list(upper))}))
+    try:
+        graph = with_tables(read(f))
+    except Unreadable as error:
+        return undecided(str(error))
+    smooth = continuous_on(graph, Box({"x": (list(lower), list(upper))}))
     for reach in smooth.reaches:
         if reach.operation.kind == "jump" and reach.reachable == "yes" and reach.point is not None:
             pair = _across(f, reach.point.midpoint()["x"].ravel(), [f"{one.unit}/s" for one in plant.states])
@@ -45,7 +50,7 @@ def lipschitz(plant: Plant, lower: Sequence[float], upper: Sequence[float], band
                 return pair
     if not smooth.proved:
         return undecided(f"continuity on the box could not be shown: {smooth.reason}")
-    graph, entries = read(f), np.zeros((len(lower), len(lower)), dtype=float)
+    entries = np.zeros((len(lower), len(lower)), dtype=float)
     for i, j in np.ndindex(*entries.shape):
         entry = slope(graph, "f", "x", i, j)
         for low, high in pairwise(bands):
@@ -57,7 +62,8 @@ def lipschitz(plant: Plant, lower: Sequence[float], upper: Sequence[float], band
         return undecided("an entry of the Jacobian could not be bounded on the box")
     return Finding(
         grounds=Grounds.ENCLOSURE,
-        method="outward-rounded interval bounds of the Jacobian's entries by branch and bound, f being continuous",
+        method="outward-rounded interval bounds of the Jacobian's entries by branch and bound, f being continuous"
+        + told(graph),
         holds=bool(np.isfinite(constant)),
         bound=constant,
         bound_unit="of df over dx in the maximum norm",

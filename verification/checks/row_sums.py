@@ -14,24 +14,42 @@ import numpy as np
 
 from models.array import Array
 from models.plant import Plant
-from verification.checks.delayed import delayed_box, delayed_step
+from verification.checks.delayed import delayed_box, delayed_graph
 from verification.checks.slope import slope
 from verification.enclosure.bounds import Attained, Bounds, bound
 from verification.enclosure.box import Box
 from verification.enclosure.smoothness import continuous_on
-from workbench.graph import Unreadable, read
+from verification.enclosure.tables import told
+from workbench.graph import Graph, Unreadable
 
 BUDGET = 600  # boxes an entry
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SlopeBounds:
-    """Rigorous bounds over a box, d the plant's relative degree; magnitudes rounded up.
+class GainBounds:
+    """Rigorous bounds over a box of the slope by the input, d the plant's relative degree.
 
-    They bound differences only because the plant was shown to be continuous on the box: it may have kinks there,
-    but no jump, pole or end of a domain.
+    They bound differences only because the plant was shown to be continuous along u, state and all else held: it may
+    have kinks there, but no jump, pole or end of a domain. It may jump with its state.
+    """
 
-    ``reason`` says why something could not be bounded (its bound is then infinite), else None.
+    gain_low: float
+    """Smallest ds(k+d)/du(k)."""
+    gain_high: float
+    """Largest ds(k+d)/du(k)."""
+    steepest: Attained | None = None
+    """A point of the box and what ds(k+d)/du(k) is there: the largest magnitude that was found."""
+    gain_reason: str | None
+    """Why the ends of ds(k+d)/du(k) are not known, else None."""
+    told: str = ""
+    """What the plant's tables stand for, in words to go on with."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SlopeBounds(GainBounds):
+    """The same, and bounds of the slopes by the states; magnitudes rounded up.
+
+    They ask the plant to be continuous in its states too; where it is not they are infinite.
     """
 
     a: Array
@@ -40,62 +58,93 @@ class SlopeBounds:
     """|dx(k+1)/du(k)|, (nx,)."""
     c: Array
     """|ds(k+d)/dx(k)| of the learned signal s at the sample before its input acts, (nx,)."""
-    gain_low: float
-    """Smallest ds(k+d)/du(k)."""
-    gain_high: float
-    """Largest ds(k+d)/du(k)."""
-    steepest: Attained | None
-    """A point of the box and what ds(k+d)/du(k) is there: the largest magnitude that was found."""
     reason: str | None
+    """Why something could not be bounded (its bound is then infinite), else None."""
 
 
-def slope_bounds(
+def gain_bounds(
     plant: Plant, box: Box, *, degree: int = 1, increment: bool = False, budget: int = BUDGET
-) -> SlopeBounds:
-    """Bound the slopes of a plant over a box (names x, u, w, k), for the output or its increment as signal."""
-    nx = len(plant.states)
+) -> GainBounds:
+    """Bound the slope by the input over a box (names x, u, w, k), of the output or its increment as signal."""
     try:
-        graph = read(delayed_step(plant, degree, increment=increment))
+        graph = delayed_graph(plant, degree, increment=increment)
     except Unreadable as error:
-        return _unbounded(nx, str(error))
+        return _no_gain(str(error))
     box = delayed_box(box, degree)
-    continuous = continuous_on(graph, box)
-    if not continuous.proved:
-        return _unbounded(
-            nx, f"the plant is not shown to be continuous, so slopes bound no difference: {continuous.reason}"
-        )
-    reasons: list[str] = []
-
-    def ends(of: str, by: str, row: int, column: int) -> Bounds:
-        found = bound(slope(graph, of, by, row, column), box, budget=budget, tolerance=1e-3 * 1e-6)
-        if not np.isfinite([found.lower, found.upper]).all():
-            reasons.append(found.reason or "no bound found")
-        return found
-
-    def magnitude(of: str, by: str, row: int, column: int) -> float:
-        found = ends(of, by, row, column)
-        return max(abs(found.lower), abs(found.upper))
-
-    a = np.array([[magnitude("x_next", "x", i, j) for j in range(nx)] for i in range(nx)])
-    b = np.array([magnitude("x_next", "u", i, 0) for i in range(nx)])
-    c = np.array([magnitude("y", "x", 0, j) for j in range(nx)])
-    gain = ends("y", "u", 0, 0)
+    along = continuous_on(graph, box)
+    if not along.proved:
+        along = continuous_on(graph.only("y"), box, along=("u",))
+    if not along.proved:
+        return _no_gain(f"the plant is not shown to be continuous, so slopes bound no difference: {along.reason}")
+    gain = _bounded(graph, box, "y", "u", 0, 0, budget)
     steepest = [one for one in (gain.attained_min, gain.attained_max) if one is not None]
     steepest.sort(key=lambda one: -max(one.lower, -one.upper))
-    return SlopeBounds(
-        a=a,
-        b=b,
-        c=c,
+    return GainBounds(
         gain_low=gain.lower,
         gain_high=gain.upper,
         steepest=steepest[0] if steepest else None,
-        reason=reasons[0] if reasons else None,
+        gain_reason=_trouble(gain),
+        told=told(graph),
     )
 
 
-def _unbounded(states: int, reason: str) -> SlopeBounds:
-    whole, row = np.full((states, states), np.inf), np.full(states, np.inf)
-    return SlopeBounds(a=whole, b=row, c=row, gain_low=-np.inf, gain_high=np.inf, steepest=None, reason=reason)
+def slope_bounds(
+    plant: Plant,
+    box: Box,
+    *,
+    degree: int = 1,
+    increment: bool = False,
+    budget: int = BUDGET,
+    gain: GainBounds | None = None,
+) -> SlopeBounds:
+    """Bound the slopes of a plant over a box, those of the state too.
+
+    ``gain`` are the bounds of the slope by the input over the same box where they are known: each other entry costs
+    as much again.
+    """
+    nx = len(plant.states)
+    known = gain or gain_bounds(plant, box, degree=degree, increment=increment, budget=budget)
+    a, b, c, reason = np.full((nx, nx), np.inf), np.full(nx, np.inf), np.full(nx, np.inf), known.gain_reason
+    if reason is None:
+        graph, box = delayed_graph(plant, degree, increment=increment), delayed_box(box, degree)
+        continuous = continuous_on(graph, box)
+        if not continuous.proved:
+            reason = f"the plant is not shown to be continuous, so slopes bound no difference: {continuous.reason}"
+    if reason is None:
+        reasons: list[str | None] = []
+
+        def magnitude(of: str, by: str, row: int, column: int) -> float:
+            found = _bounded(graph, box, of, by, row, column, budget)
+            reasons.append(_trouble(found))
+            return max(abs(found.lower), abs(found.upper))
+
+        a = np.array([[magnitude("x_next", "x", i, j) for j in range(nx)] for i in range(nx)])
+        b = np.array([magnitude("x_next", "u", i, 0) for i in range(nx)])
+        c = np.array([magnitude("y", "x", 0, j) for j in range(nx)])
+        reason = next((one for one in reasons if one), None)
+    return SlopeBounds(
+        gain_low=known.gain_low,
+        gain_high=known.gain_high,
+        steepest=known.steepest,
+        gain_reason=known.gain_reason,
+        told=known.told,
+        a=a,
+        b=b,
+        c=c,
+        reason=reason,
+    )
+
+
+def _bounded(graph: Graph, box: Box, of: str, by: str, row: int, column: int, budget: int) -> Bounds:
+    return bound(slope(graph, of, by, row, column), box, budget=budget, tolerance=1e-3 * 1e-6)
+
+
+def _trouble(found: Bounds) -> str | None:
+    return None if np.isfinite([found.lower, found.upper]).all() else found.reason or "no bound found"
+
+
+def _no_gain(reason: str) -> GainBounds:
+    return GainBounds(gain_low=-np.inf, gain_high=np.inf, gain_reason=reason)
 
 
 def off_diagonal(slopes: SlopeBounds, samples: int, weight: float = 1.0) -> Array:

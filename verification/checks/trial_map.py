@@ -30,7 +30,7 @@ from scipy.sparse import linalg
 from models.array import Array
 from verification.checks.premises import no_noise, same_but_for_the_input
 from verification.checks.spectral_radius import Radius, spectral_radius
-from workbench.evidence.closed_loop import LARGEST, Linear, Matrix, product
+from workbench.evidence.closed_loop import LARGEST, Linear, Matrix, images, product
 from workbench.evidence.error_signal import Signal
 from workbench.evidence.learning_step import LearningStep, Ran, learning_step, memories
 from workbench.evidence.lifted import SingularValue, largest_singular_value
@@ -105,10 +105,10 @@ class ErrorMap:
     def dense(self) -> Array:
         """I - G L, (m, m), or M - L G on what is live, (p, p): whichever has no direction in which nothing happens."""
         if self.of_error:
-            return np.array([one - self.lifted.apply(product(self.gain, one)) for one in np.eye(self.size)]).T
+            return images(lambda one: np.asarray(one - self.lifted.apply(product(self.gain, one))), np.eye(self.size))
         whole = np.zeros((self.step.learned.size, self.size))
         whole[self.live, np.arange(self.size)] = 1
-        return np.array([self.step.apply(column)[self.live] for column in whole.T]).T
+        return images(self.step.apply, whole)[self.live]
 
     @cached_property
     def radius(self) -> Radius | None:

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from models.array import Array
-from verification.checks.delayed import delayed_step
+from verification.checks.delayed import delayed_graph, delayed_step
 from verification.checks.slope import slope
 from verification.enclosure.box import Box
 from verification.enclosure.interval import evaluate
@@ -120,7 +120,7 @@ class Near(NamedTuple):
 def near(wanted: Wanted, room: tuple[Array, float]) -> Near | str:
     """Bound the slopes at the trajectory, give or take ``room`` in state (nx,) and input, or say why not."""
     plant, n = wanted.study.plant_that_runs, wanted.u.size
-    graph = read(delayed_step(plant, 1, increment=True))
+    graph = delayed_graph(plant, 1, increment=True)
     nx = len(plant.states)
     middle = np.vstack([wanted.x[:, :n], wanted.u[None], wanted.w[:, :n], np.arange(n, dtype=float)[None]])
     around = np.zeros_like(middle)

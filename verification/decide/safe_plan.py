@@ -79,6 +79,10 @@ class SafePlan:
         return "\n".join([*lines, *(f"  {one.claim}: {one.standing}" for one in self.verdicts)])
 
 
+SET = frozenset({"controllers", "first_plan", "verify", "sweeps", "draws"})
+"""The fields of a study that are changed while a plan is looked for."""
+
+
 def safe_plan(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> SafePlan:
     """Return the share of the nominal model's inverse with which bounds of signals are PROVED for every trial.
 
@@ -93,7 +97,8 @@ def safe_plan(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> S
 
     Where the law learns so fast that an input may overshoot what is needed, one of its tuned fields is changed until
     it does not. What is found is judged on a campaign of the changed study. Raises InvalidValue for an unknown
-    controller or signal, and for a law without a learning gain between declared ends.
+    controller or signal, for a law without a learning gain between declared ends, and for a study that makes what is to
+    be changed of settings of its own.
     """
     name, alone = _alone(study, law, bounds)
     tried: list[Tried] = []
@@ -148,6 +153,11 @@ def _alone(study: Study, law: str | AnyLaw, bounds: Mapping[str, Bound]) -> tupl
         raise InvalidValue(f"law must be one of {', '.join(study.controllers)}, or a law; got {law!r}")
     if not isinstance(bounds, Mapping) or not bounds:
         raise InvalidValue(f"bounds must name at least one signal, as in {{'speed': (0, 80)}}; got {bounds!r}")
+    if made_of_others := sorted(study.composed & SET):
+        raise InvalidValue(
+            f"what safe_plan sets must be fields of the study, and it makes {', '.join(made_of_others)} of settings of "
+            "its own (compose): look for a plan with dataclasses.replace(study, compose=None)"
+        )
     name = law if isinstance(law, str) else "law"
     controllers = {name: study.controllers[law] if isinstance(law, str) else law}
     made = dataclasses.replace(study, controllers=controllers, sweeps=(), draws=1)

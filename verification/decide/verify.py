@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from functools import cached_property, partial
 from importlib.metadata import entry_points
@@ -118,13 +118,23 @@ class AnotherRun:
 
     @cached_property
     def claims(self) -> dict[tuple[str, str | None], Claim]:
-        """The claims on the other run."""
+        """The claims on the other run, with those that are premises of others alone."""
         other = run(self.campaign.study, show_progress=False)
-        return {(one.name, one.controller): one for one in examination_of(other, full=self.full).claims}
+        return {(one.name, one.controller): one for one in _with_premises(examination_of(other, full=self.full).claims)}
 
     def __call__(self, claim: Claim) -> Finding:
-        """Do the check of the claim of the same name."""
-        return self.claims[claim.name, claim.controller].check()
+        """Do the check of the claim of the same name. Raises InvalidValue where the other run makes no such claim."""
+        found = self.claims.get((claim.name, claim.controller))
+        if found is None:
+            raise InvalidValue(f"{claim.name} is no claim of another run of the campaign: give it a replay of its own")
+        return found.check()
+
+
+def _with_premises(claims: Sequence[Claim]) -> Iterator[Claim]:
+    """Give what claims stand on, and then themselves."""
+    for one in claims:
+        yield from _with_premises((*one.premises, *one.rests_on))
+        yield one
 
 
 def verify(

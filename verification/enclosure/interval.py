@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from verification.enclosure import outward, outward_logic
+from verification.enclosure import outward, outward_logic, remainders
 from verification.enclosure.box import Box
 from verification.enclosure.contraction import Held
 from verification.enclosure.face import Enclosed, face
@@ -91,8 +91,8 @@ PARTIAL: Mapping[str, tuple[Callable[..., tuple[Span, Mask]], str]] = {
     "atanh": (outward.atanh, "the argument may reach -1 or 1"),
     "erfinv": (outward.erfinv, "the argument may reach -1 or 1"),
     "pow": (outward.power, "the base may be zero or negative where the exponent does not allow it"),
-    "fmod": (outward.fmod, "the divisor may be zero"),
-    "remainder": (outward.remainder, "the divisor may be zero"),
+    "fmod": (remainders.fmod, "the divisor may be zero"),
+    "remainder": (remainders.remainder, "the divisor may be zero"),
 }
 """Operations that do not, with what can go wrong."""
 

@@ -47,7 +47,7 @@ def unreadable(table: Table) -> str:
             return f"the spline {table.name} does not have its first and its last knot degree + 1 times"
         if search == 1 and not _even(inner):
             return f"the table {table.name} is searched by division, and its points are not evenly spaced as doubles"
-    if not np.isfinite(table.values).all():
+    if not np.isfinite([*table.values, *table.spread]).all():
         return f"the table {table.name} has values that are not finite"
     return ""
 
@@ -77,7 +77,9 @@ def _numbers(table: Table, lookup: Lookup) -> _Numbers:
         for points, degree in zip(grid, degrees, strict=True)
     ]
     own = derivative.values[lookup.output :: table.outputs]
-    ends = np.array([_around(entry) for entry in own], dtype=np.float64).T
+    spread = map(Fraction, table.spread[lookup.output :: table.outputs] or (0.0,) * len(own))
+    around = [(_around(entry - off)[0], _around(entry + off)[1]) for entry, off in zip(own, spread, strict=True)]
+    ends = np.array(around, dtype=np.float64).T
     low, high = (end.reshape((*sizes[::-1], 1)) for end in ends)
     axes = (*reversed(range(len(sizes))), len(sizes))
     return _Numbers(grid, degrees, Span(low.transpose(axes), high.transpose(axes)))

@@ -104,13 +104,12 @@ def _two_sum(a: Array, b: Array) -> tuple[Array, Array]:
 def _two_product(a: Array, b: Array) -> tuple[Array, Array]:
     """Return the rounded product and its exact error (nan where that is not known)."""
     p = a * b
-    scaled_a, scaled_b = _SPLITTER * a, _SPLITTER * b
-    high_a, high_b = scaled_a - (scaled_a - a), scaled_b - (scaled_b - b)
+    high_a, high_b = _SPLITTER * a, _SPLITTER * b
+    high_a, high_b = high_a - (high_a - a), high_b - (high_b - b)
     low_a, low_b = a - high_a, b - high_b
     error = ((high_a * high_b - p) + high_a * low_b + low_a * high_b) + low_a * low_b
     size = np.abs(p)
-    known = (size > _EXACT_PRODUCT) & (size < _EXACT_FACTOR)
-    known &= (np.abs(a) < _EXACT_FACTOR) & (np.abs(b) < _EXACT_FACTOR)
+    known = (size > _EXACT_PRODUCT) & (np.maximum(np.maximum(np.abs(a), np.abs(b)), size) < _EXACT_FACTOR)
     zero = (a == 0) | (b == 0)
     return np.where(zero, 0.0, p), np.where(known, error, np.where(zero, 0.0, np.nan))
 
@@ -120,9 +119,18 @@ def _outward(value: Array, error: Array) -> Span:
     return Span(np.where(error >= 0, value, down(value)), np.where(error <= 0, value, up(value)))
 
 
+def _ends(value: Array, error: Array) -> Span:
+    """Return the float below the first ``value + error`` and the float above the second."""
+    (low, high), (low_error, high_error) = value, error
+    return Span(np.where(low_error >= 0, low, down(low)), np.where(high_error <= 0, high, up(high)))
+
+
 def add(a: Span, b: Span) -> Span:
     """Enclose ``x + y``."""
-    return Span(_outward(*_two_sum(a.lo, b.lo)).lo, _outward(*_two_sum(a.hi, b.hi)).hi)
+    shape = (2, *np.broadcast_shapes(a.lo.shape, a.hi.shape, b.lo.shape, b.hi.shape))
+    x, y = np.empty(shape), np.empty(shape)  # both ends at once: most arrays are short, so calls are what costs
+    x[0], x[1], y[0], y[1] = a.lo, a.hi, b.lo, b.hi
+    return _ends(*_two_sum(x, y))
 
 
 def sub(a: Span, b: Span) -> Span:
@@ -151,11 +159,33 @@ def _widest(spans: list[Span]) -> Span:
     return result
 
 
+def _by_corners(a: Span, b: Span) -> Span:
+    """Enclose ``x y`` by the products of all ends."""
+    return _widest([_outward(*_two_product(x, y)) for x, y in _corners(a, b)])
+
+
 def mul(a: Span, b: Span) -> Span:
-    """Enclose ``x y`` for independent factors."""
-    result = _widest([_outward(*_two_product(x, y)) for x, y in _corners(a, b)])
-    signless = (a.lo >= 0) & (b.lo >= 0)  # an underflow must not make a product of nonnegative factors negative
-    return Span(np.where(signless, np.maximum(result.lo, 0.0), result.lo), result.hi)
+    """Enclose ``x y`` for independent factors.
+
+    Where a factor keeps its sign, signs say at which ends the least and the largest product lie, the same as all four
+    corners would give. Where both factors may have either sign, or ends are no ends, all corners are looked at.
+    """
+    for one, other in ((a, b), (b, a)):
+        if one.lo.shape == (1,) and one.lo[0] == one.hi[0] and abs(one.lo[0]) == 1:  # most slopes of sums
+            return other if one.lo[0] > 0 else neg(other)
+    a_plus, a_minus, b_plus, b_minus = a.lo >= 0, a.hi <= 0, b.lo >= 0, b.hi <= 0
+    known = (a_plus | a_minus | b_plus | b_minus) & (a.lo <= a.hi) & (b.lo <= b.hi)
+    x, y = np.empty((2, *known.shape)), np.empty((2, *known.shape))
+    x[0] = np.where(b_plus | (a_minus & ~b_minus), a.lo, a.hi)
+    y[0] = np.where(a_plus | (b_minus & ~a_minus), b.lo, b.hi)
+    x[1] = np.where((a_minus | b_minus) & ~b_plus, a.lo, a.hi)
+    y[1] = np.where((a_minus | b_minus) & ~a_plus, b.lo, b.hi)
+    low, high = _ends(*_two_product(x, y))
+    if not known.all():
+        widest = _by_corners(a, b)
+        low, high = np.where(known, low, widest.lo), np.where(known, high, widest.hi)
+    # an underflow must not make a product of nonnegative factors negative
+    return Span(np.where(a_plus & b_plus, np.maximum(low, 0.0), low), high)
 
 
 def square(a: Span) -> Span:
@@ -205,6 +235,10 @@ def floats_around(ball: arb) -> tuple[float, float]:
 
 def _at(function: Point, *arguments: Array) -> Span:
     """Enclose a function at points, calling Arb once for each distinct point."""
+    if all(one.shape == (1,) for one in arguments):  # as sets that are carried ask, again and again
+        with ctx.workprec(PRECISION):
+            low, high = floats_around(function(*(arb(float(one[0])) for one in arguments)))
+        return Span(np.array([low]), np.array([high]))
     columns = np.stack(np.broadcast_arrays(*arguments))
     distinct, where = np.unique(columns, axis=1, return_inverse=True)
     with ctx.workprec(PRECISION):
@@ -333,30 +367,6 @@ def copysign(a: Span, b: Span) -> Span:
     size = magnitude(a)
     plus, minus = b.lo > 0, b.hi < 0
     return Span(np.where(plus, size.lo, -size.hi), np.where(minus, -size.lo, size.hi))
-
-
-def fmod(a: Span, b: Span) -> tuple[Span, Mask]:
-    """Enclose the remainder of truncated division, which has the sign of ``x`` and is smaller than ``y``."""
-    quotient, bad = div(a, b)
-    whole = Span(np.trunc(quotient.lo), np.trunc(quotient.hi))
-    limit = magnitude(b).hi
-    loose = Span(np.minimum(np.maximum(a.lo, -limit), 0.0), np.maximum(np.minimum(a.hi, limit), 0.0))
-    tight = meet(loose, sub(a, mul(whole, b)))
-    decided = whole.lo == whole.hi
-    return Span(np.where(decided, tight.lo, loose.lo), np.where(decided, tight.hi, loose.hi)), bad
-
-
-def remainder(a: Span, b: Span) -> tuple[Span, Mask]:
-    """Enclose what is left by division with a quotient rounded to the nearest whole number, half to even."""
-    quotient, bad = div(a, b)
-    nearest = Span(np.rint(quotient.lo), np.rint(quotient.hi))
-    divisor = magnitude(b).hi
-    half = np.where(divisor / 2 * 2 == divisor, divisor / 2, up(divisor / 2))
-    limit = np.minimum(half, magnitude(a).hi)
-    loose = Span(-limit, limit)
-    tight = meet(loose, sub(a, mul(nearest, b)))
-    decided = nearest.lo == nearest.hi
-    return Span(np.where(decided, tight.lo, loose.lo), np.where(decided, tight.hi, loose.hi)), bad
 
 
 def _inside(low: float, high: float) -> Callable[[Span], Mask]:

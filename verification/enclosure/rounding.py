@@ -14,6 +14,7 @@ from verification.enclosure.box import Box
 from verification.enclosure.face import Enclosed
 from verification.enclosure.interval import TOTAL, evaluate
 from verification.enclosure.outward import Span
+from verification.enclosure.outward_logic import truth
 from verification.enclosure.rewriting import COVER, MEET, SELECT, rewritten
 from verification.enclosure.slopes import partials
 from workbench.graph.operations import BOOLEAN, CONSTANT, INPUT, LOOKUP
@@ -45,6 +46,8 @@ def rounding(function: Enclosed, box: Box) -> dict[str, Array]:
         arguments = [values[arg].span for arg in node.args]
         passed = 0.0
         for arg, slope in zip(node.args, _slopes(node.op, span, arguments), strict=True):
+            if slope is None:  # a branch that does not count
+                continue
             steep = float(np.max(np.abs([slope.lo, slope.hi])))
             if off[arg]:
                 passed += steep * off[arg] if np.isfinite(off[arg]) else np.inf
@@ -70,11 +73,14 @@ def _decided(op: str, arguments: list[Span], off: list[float]) -> bool:
     return bool(np.all(found.lo == found.hi))
 
 
-def _slopes(op: str, value: Span, arguments: list[Span]) -> tuple[Span, ...]:
-    """Return the slopes by the arguments; a choice passes on what its branches are off, for its condition is exact."""
-    one = Span(np.ones(1), np.ones(1))
+def _slopes(op: str, value: Span, arguments: list[Span]) -> tuple[Span | None, ...]:
+    """Return the slopes by the arguments; a choice passes on what those of its branches are off that may count."""
+    one, none = Span(np.ones(1), np.ones(1)), Span(np.zeros(1), np.zeros(1))
     if op in ("if_else_zero", SELECT):
-        return (Span(np.zeros(1), np.zeros(1)), *(one for _ in arguments[1:]))
+        holds = truth(arguments[0])
+        counts = (bool(np.any(holds.hi == 1)), bool(np.any(holds.lo == 0)))
+        return (none, *(one if may else None for may in counts[: len(arguments) - 1]))
     if op == MEET:
-        return Span(np.zeros(1), np.zeros(1)), one
-    return partials(op, value, *arguments)
+        return none, one
+    with np.errstate(all="ignore"):
+        return partials(op, value, *arguments)

@@ -10,7 +10,7 @@ Inputs that the box says are whole take whole numbers only, and nothing is conti
 decide alone is no kink and no jump. A pole or the end of a domain that one of them meets counts.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,14 +20,15 @@ from numpy.typing import NDArray
 from verification.enclosure import outward
 from verification.enclosure.box import Box
 from verification.enclosure.critical_search import Question
+from verification.enclosure.everywhere import ends, over_the_reals
 from verification.enclosure.face import Enclosed, face
-from verification.enclosure.guards import conditions_of
+from verification.enclosure.guards import Condition, conditions_of
 from verification.enclosure.interval import reason, supported
 from verification.enclosure.lookups import breaks
 from verification.enclosure.reach import NonsmoothOperation, Reach, Smoothness
 from verification.enclosure.rewriting import COVER, Quantity, Rewritten, rewritten
 from verification.enclosure.switches import Switches
-from verification.enclosure.whole import tabulated
+from verification.enclosure.whole import Table, tabulated
 from workbench.graph import Graph
 from workbench.graph.operations import CONSTANT, LOOKUP, OPERATIONS, Critical
 from workbench.graph.smooth import critical
@@ -122,7 +123,8 @@ def breaks_somewhere(function: Enclosed, whole: Mapping[str, tuple[float, float]
     """Return which operation is not defined and continuous for all real arguments, or an empty text.
 
     ``whole`` names inputs that take whole numbers between two ends only; what they decide alone is no jump, and where
-    they alone decide a divisor, or a value, it is looked at for every one of them.
+    they alone decide a divisor, or a value, it is looked at for every one of them. Nothing breaks where a guard
+    keeps an operation from its pole, or from the end of its domain, nor where both sides of a switch agree.
     """
     graph = rewritten(function)
     if isinstance(graph, str):
@@ -138,18 +140,60 @@ def breaks_somewhere(function: Enclosed, whole: Mapping[str, tuple[float, float]
     if not (np.isfinite(table.lower) & np.isfinite(table.upper)).all():
         return "not every whole number gives a finite value"
     levels = _Levels(graph)
-    for k, operation, found, _ in _listed(graph):
+    listed = _listed(graph)
+    of = [one.critical.level(levels, *graph.nodes[one.node].args) for one in listed]
+    counts = conditions_of(graph, graph.targets())
+    above = replace(graph, nodes=tuple(levels.nodes))
+    switches, broken = Switches(graph.graph), set[int]()
+    for (k, operation, found, _), level in zip(listed, of, strict=True):
         if found.kind == "kink" and not found.edge:
             continue
-        level = found.level(levels, *graph.nodes[k].args)
-        above = replace(graph, nodes=tuple(levels.nodes))
         moving = above.coordinates((level,), table.first + table.readings)[: table.first].any()
         row = above.nodes[level].coordinate - table.first
         apart = 0 <= row and bool(((table.lower[row] > 0) | (table.upper[row] < 0)).all())
-        if moving or not (found.kind == "jump" or (found.kind == "pole" and found.rule == "zero" and apart)):
-            what = "the end of a domain" if found.kind == "kink" else f"a {found.kind}"
-            return f"{what} of {operation.name} in {operation.expression}"
+        if not moving and (found.kind == "jump" or (found.kind == "pole" and found.rule == "zero" and apart)):
+            continue
+        if found.kind == "jump":
+            known = broken.isdisjoint(above.ancestors(graph.nodes[k].args))
+            switch = switches.of(operation.instruction) if known else None
+            broken.add(k)
+            if switch is not None and switches.agree(switch):
+                continue
+        elif _shut_out(function, replace(table, graph=above), names, ranges, operation, found, level, counts[k]):
+            continue
+        what = "the end of a domain" if found.kind == "kink" else f"a {found.kind}"
+        return f"{what} of {operation.name} in {operation.expression}"
     return ""
+
+
+def _shut_out(
+    function: Enclosed,
+    table: Table,
+    names: Sequence[str],
+    ranges: Mapping[str, tuple[float, float]],
+    operation: NonsmoothOperation,
+    found: Critical,
+    level: int,
+    conditions: Iterable[Condition],
+) -> bool:
+    """Say whether the conditions under which an operation counts keep it from where it ends, for all real numbers."""
+    real = np.array([name not in ranges for name in names], dtype=bool)
+    graph, moved = over_the_reals(table.graph, real)
+    given = np.array([ranges.get(name, (0.0, 0.0)) for name in names])
+    low, high = ends(given[:, 0], given[:, 1], real)
+    readings = table.lower.min(axis=1), table.upper.max(axis=1)
+    question = Question(
+        function=function,
+        whole=(),
+        operation=operation,
+        rule="negative" if found.edge else found.rule,
+        table=replace(table, graph=graph),
+        level=level + moved,
+        continuous=True,
+        conditions=tuple((condition + moved, holds) for condition, holds in sorted(conditions)),
+    )
+    lower, upper = (np.concatenate(one)[:, None] for one in zip((low, high), readings, strict=True))
+    return not bool(question.unclear(lower, upper).any())
 
 
 def reaches(function: Enclosed, box: Box, *, budget: int = BUDGET) -> tuple[Reach, ...] | str:

@@ -12,7 +12,7 @@ from models.array import Array
 from models.quantity import InvalidValue
 from verification.checks import attack, convergence, learning_curve, trial_map, update
 from verification.checks.domain import domain
-from verification.checks.row_sums import SlopeBounds, slope_bounds
+from verification.checks.row_sums import GainBounds, SlopeBounds, gain_bounds, slope_bounds
 from verification.checks.wanted import Wanted, wanted_input
 from verification.enclosure.box import Box
 from verification.theorems.certified import Certified
@@ -122,7 +122,7 @@ class Dossier:
     @cached_property
     def _held_slopes(self) -> Held:
         """What several claims rest on alike: the bounds are the same, whatever was found of them."""
-        e, slopes = self.evidence, self.slopes
+        e, slopes = self.evidence, self.gains
         return _worse(
             *(
                 attack.held_slopes(slopes.gain_low, slopes.gain_high, self.plant, trials, self.begun.w, e.degree)
@@ -193,17 +193,26 @@ class Dossier:
         return Funnels(self)
 
     @cached_property
+    def gains(self) -> GainBounds:
+        """Bounds of the slope by the input of what is learned on, over the box: far fewer than all slopes."""
+        return self._gains(self.box)
+
+    def gains_over(self, box: Box) -> GainBounds:
+        """Return the bounds over the scope, or over another box."""
+        return self.gains if box is self.box else self._gains(box)
+
+    def _gains(self, box: Box) -> GainBounds:
+        return gain_bounds(self.plant, box, degree=self._degree, increment=self.law.learns_on == "increment")
+
+    @cached_property
     def slopes(self) -> SlopeBounds:
         """Bounds of the slopes of what is learned on, over the box."""
-        return self._slopes(self.box)
+        increment = self.law.learns_on == "increment"
+        return slope_bounds(self.plant, self.box, degree=self._degree, increment=increment, gain=self.gains)
 
-    def slopes_over(self, box: Box) -> SlopeBounds:
-        """Return the bounds over the scope, or over another box."""
-        return self.slopes if box is self.box else self._slopes(box)
-
-    def _slopes(self, box: Box) -> SlopeBounds:
-        degree = self.study.relative_degree or 1
-        return slope_bounds(self.plant, box, degree=degree, increment=self.law.learns_on == "increment")
+    @property
+    def _degree(self) -> int:
+        return self.study.relative_degree or 1
 
     @cached_property
     def wanted(self) -> Wanted:

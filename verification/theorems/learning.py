@@ -152,6 +152,7 @@ def _assumptions(d: Dossier) -> list[Claim]:
             role=Role.REPAIRED,
             premises=(alike,),
             scope=d.scope,
+            replay=lambda witness: assumption_replays.replay_across(d.plant, d.evidence, witness),
             attack=d.attack_row_sums,
             certify=d.certified.row_sums,
         ),
@@ -226,7 +227,7 @@ def _adaptive(d: Dossier) -> list[Claim]:
             "lambda exceeds (rho b)^2/4 with b the largest partial derivative.",
             f"{PAPER}, Theorem 1",
             lambda: d.refuted_in_the_hull(
-                lambda box: convergence.lambda_partial(d.plant, d.evidence, d.slopes_over(box), box)
+                lambda box: convergence.lambda_partial(d.plant, d.evidence, d.gains_over(box), box)
             ),
             role=Role.PRINTED,
             lacks=guess,

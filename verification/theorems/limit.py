@@ -14,10 +14,12 @@ import numpy as np
 from models.expression import as_expression
 from models.quantity import InvalidValue
 from verification.checks import limit
+from verification.checks.delayed import delayed_graph
 from verification.checks.estimate_form import estimate_form
 from verification.checks.settled import settled
 from verification.enclosure.box import Box
 from verification.enclosure.rounding import rounding
+from verification.enclosure.tables import told
 from verification.theorems.dossier import Dossier
 from workbench.contracts.claim import Claim, Held, Role
 from workbench.contracts.finding import Finding, Grounds, undecided
@@ -209,7 +211,8 @@ def _continuous(d: Dossier, over: Callable[[], Box] | None) -> Finding:
         return Finding(
             grounds=Grounds.ALGEBRA,
             holds=why is None,
-            method="the equations are made of operations that have no pole, jump or end of a domain anywhere",
+            method="the equations have no pole or end of a domain anywhere, and no jump that they do not mend"
+            + told(delayed_graph(d.plant, 1, increment=increment)),
         )
     if over is None:
         return undecided(why)
@@ -219,7 +222,8 @@ def _continuous(d: Dossier, over: Callable[[], Box] | None) -> Finding:
     return Finding(
         grounds=Grounds.ENCLOSURE,
         holds=why is None,
-        method="no pole, jump or end of a domain is reached in a box that holds every trial",
+        method="no pole, jump or end of a domain is reached in a box that holds every trial"
+        + told(delayed_graph(d.plant, 1, increment=increment)),
     )
 
 

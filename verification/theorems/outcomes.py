@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
 
 from models.array import Array
 from verification.theorems.conditioning import conditioning
@@ -131,6 +130,8 @@ def _errors(campaign: Campaign, name: str) -> list[Array]:
 
 
 def _fallen(errors: Array) -> Finding:
+    from scipy import stats  # it takes longer to load than most of what is here
+
     if not np.isfinite(errors).all():
         return undecided("samples are missing that every trial reached by its length")
     first, late = float(errors[0]), float(np.median(errors[-max(1, int(LATE * errors.size)) :]))

@@ -10,6 +10,7 @@ import numpy as np
 
 from verification.certificates.numbers import Facts, Relation
 from verification.checks import premises, update, wanted
+from verification.checks.learned_certificate import learned
 from verification.checks.settled import settled
 from workbench.contracts.claim import Claim, Role
 from workbench.contracts.finding import Finding, Grounds
@@ -112,6 +113,7 @@ class Premises:
             premises=(self.plan_alone,),
             replay=lambda witness: update.replay(of.law, task, witness),
             attack=of.attack_update,
+            certify=lambda found, premises: learned(of.law.ready_for(task), task),
         )
 
     @cached_property

@@ -10,6 +10,7 @@ case without s and without y in act.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -28,11 +29,18 @@ from workbench.fold.named import as_matrix, expressions, like, shapes_of
 
 Matrix = sparse.csr_array[np.float64]
 LARGEST = 4000  # rows of a matrix that is full
+TOGETHER = 256  # columns to which a map is applied at once
 
 
 def product(matrix: Matrix, v: Array) -> Array:
-    """Return a sparse matrix times a vector."""
+    """Return a sparse matrix times a vector, or times each column of a matrix."""
     return np.asarray(matrix @ v)
+
+
+def images(apply: Callable[[Array], Array], columns: Array) -> Array:
+    """Return what a linear map makes of columns, side by side: some at a time, for each alone costs as much as many."""
+    together = range(0, columns.shape[1], TOGETHER)
+    return np.hstack([apply(columns[:, first : first + TOGETHER]) for first in together])
 
 
 class Rows(NamedTuple):
@@ -240,7 +248,10 @@ class Linear:
         self._law = (um, us, uy, sm, ss, sy, spread, begin[1])
 
     def apply(self, dv: Array) -> Array:
-        """Return the outputs' differences, (ny (N + 1),), sample by sample, by those of what is learned, (p,)."""
+        """Return the outputs' differences, (ny (N + 1),), sample by sample, by those of what is learned, (p,).
+
+        Columns side by side, (p, q), are answered side by side.
+        """
         return np.asarray(self.measured @ self._solver.solve(self.driven @ dv))
 
     @property

@@ -28,7 +28,7 @@ from models.plant import Plant
 from models.quantity import nested, rebuilt, symbolised
 from workbench.contracts.law import AnyLaw, Trial
 from workbench.contracts.record import TrialInput, TrialRecord
-from workbench.evidence.closed_loop import LARGEST, ActingLaw, Learned, Linear, Loop, Matrix, product
+from workbench.evidence.closed_loop import LARGEST, ActingLaw, Learned, Linear, Loop, Matrix, images, product
 from workbench.evidence.trajectory import trials_done
 from workbench.fold.answers import estimated, learned, made_ready
 from workbench.fold.named import as_matrix, expressions, like, names, shapes_of
@@ -129,7 +129,7 @@ class LearningStep(NamedTuple):
 
     def dense(self) -> Array:
         """Return M - Me G, (p, p)."""
-        return np.array([self.apply(column) for column in np.eye(self.learned.size)]).T
+        return images(self.apply, np.eye(self.learned.size))
 
 
 class Learning:

@@ -20,7 +20,7 @@ from models.array import Array
 from models.expression import Expression, as_expression
 from models.function_name import function_name
 from models.plant import Plant
-from models.quantity import InvalidValue, symbolised
+from models.quantity import InvalidValue, values_of
 from workbench.contracts.law import AnyLaw, Task, Trial
 from workbench.contracts.record import TrialInput, TrialRecord
 from workbench.fold.answers import estimated, learned, tellings
@@ -68,7 +68,7 @@ class Fold:
 
     def values_of(self, law: AnyLaw) -> tuple[float, ...]:
         """Return the parameters' values with another law of the same class and structure."""
-        return symbolised(self.plant).values + symbolised(law).values
+        return (*values_of(self.plant).values(), *values_of(law).values())
 
     def campaign(self, trials: int) -> ca.Function:
         """Return the whole campaign as one symbolic Function, so that derivatives through it exist.
@@ -113,7 +113,7 @@ def build(plant: Plant, law: AnyLaw, samples: int, task: Task | None = None) -> 
         told["chance"] = _numbers(task.chance)
     if task is not None and task.first_plan is not None:
         told["plan"] = _numbers(task.first_plan)
-    values = symbolised(plant).values + symbolised(law).values
+    values = (*values_of(plant).values(), *values_of(law).values())
     return Fold(plant, law, samples, tuple(asked.symbols), values, start, trial, told)
 
 

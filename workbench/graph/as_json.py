@@ -40,6 +40,7 @@ def to_json(graph: Graph) -> str:
                 "outputs": table.outputs,
                 "degrees": table.degrees,
                 "search": table.search,
+                **({"spread": [one.hex() for one in table.spread]} if table.spread else {}),
             }
             for table in graph.tables
         ],
@@ -90,6 +91,7 @@ def from_json(text: str) -> Graph:
                     outputs=int(table["outputs"]),
                     degrees=tuple(map(int, table["degrees"])),
                     search=tuple(map(int, table["search"])),
+                    spread=tuple(map(float.fromhex, table.get("spread", ()))),
                 )
                 for table in content["tables"]
             ),

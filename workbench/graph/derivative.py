@@ -4,7 +4,8 @@ CasADi computes with constants while it differentiates, in rounded arithmetic. H
 operations on the graph's own constants, so that every arithmetic gets it as exactly as that arithmetic can.
 
 At a kink the derivative is the mean of both sides for ``fmin`` and ``fmax``, zero for ``fabs`` and the right-hand
-one for a table; across a jump it is what it is beside the jump.
+one for a table; across a jump it is what it is beside the jump. Where a guard does not let a branch count, the slope
+of the branch does not count either, though it may have no value there.
 """
 
 from __future__ import annotations
@@ -49,17 +50,13 @@ def jacobian(graph: Graph, of: str, by: str) -> Graph:
 def gradient(build: Builder, target: int) -> dict[int, int]:
     """Return the node of the slope of a node by every coordinate that it depends on, made in the builder."""
     one = build.constant(1.0)
-
-    def times(a: int, b: int) -> int:
-        return b if a == one else a if b == one else build.operation("mul", a, b)
-
     places = build.graph.ancestors([target]) if target < len(build.graph.nodes) else range(target + 1)
     through: dict[int, int] = {target: one}
     result: dict[int, int] = {}
 
     def reach(place: int, slope: int) -> None:
         known = through.get(place)
-        through[place] = slope if known is None else build.operation("add", known, slope)
+        through[place] = slope if known is None else _plus(build, known, slope)
 
     for place in reversed(places):
         so_far = through.pop(place, None)
@@ -68,19 +65,36 @@ def gradient(build: Builder, target: int) -> dict[int, int]:
         node = build.nodes[place]
         if node.op == INPUT:
             known = result.get(node.which)
-            result[node.which] = so_far if known is None else build.operation("add", known, so_far)
+            result[node.which] = so_far if known is None else _plus(build, known, so_far)
         elif node.op == "if_else_zero":
             reach(node.args[1], build.operation("if_else_zero", node.args[0], so_far))
         elif node.op == LOOKUP:
             lookup = build.lookups[node.which]
             for axis, arg in enumerate(node.args):
                 orders = tuple(order + (i == axis) for i, order in enumerate(lookup.orders))
-                reach(arg, times(so_far, build.lookup(lookup._replace(orders=orders), *node.args)))
+                reach(arg, _times(build, so_far, build.lookup(lookup._replace(orders=orders), *node.args)))
         elif node.op != CONSTANT and build.nodes[place].args:
             for arg, slope in zip(node.args, _SLOPES[node.op](build, place, *node.args), strict=True):
                 if slope is not None and build.nodes[arg].op != CONSTANT:
-                    reach(arg, times(so_far, slope))
+                    reach(arg, _times(build, so_far, slope))
     return result
+
+
+def _times(build: Builder, a: int, b: int) -> int:
+    """Return the node of a product; what a guard shuts out of its first factor stays behind the guard."""
+    if build.nodes[a].op == "if_else_zero":
+        condition, inner = build.nodes[a].args
+        return build.operation("if_else_zero", condition, _times(build, inner, b))
+    one = build.constant(1.0)
+    return b if a == one else a if b == one else build.operation("mul", a, b)
+
+
+def _plus(build: Builder, a: int, b: int) -> int:
+    """Return the node of a sum; what one guard shuts out of both terms stays behind it."""
+    first, second = build.nodes[a], build.nodes[b]
+    if first.op == second.op == "if_else_zero" and first.args[0] == second.args[0]:
+        return build.operation("if_else_zero", first.args[0], _plus(build, first.args[1], second.args[1]))
+    return build.operation("add", a, b)
 
 
 # operations take different numbers of arguments

@@ -45,6 +45,9 @@ class Table:
         Degree along every axis, 1 for a linear table.
     search
         How an interval is found on every axis: 0 from the left, 1 by division (equal spacing), 2 by halving.
+    spread
+        How far each value of a linear table may lie from the one that stands, where what it was read from is not
+        exact; empty: nowhere.
 
     Raises
     ------
@@ -59,6 +62,7 @@ class Table:
     outputs: int
     degrees: tuple[int, ...]
     search: tuple[int, ...]
+    spread: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         axes = len(self.grid)
@@ -73,6 +77,8 @@ class Table:
             raise ValueError(
                 f"table {self.name} must have {self.outputs} x {list(self.sizes)} values, got {len(self.values)}"
             )
+        if self.spread and (self.kind != "linear" or len(self.spread) != len(self.values) or not min(self.spread) >= 0):
+            raise ValueError(f"table {self.name} must be linear to have a spread, 0 or more for each of its values")
 
     @property
     def dimensions(self) -> int:

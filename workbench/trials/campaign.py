@@ -308,8 +308,9 @@ def write_figures(figures: Mapping[str, Draw], folder: Path) -> None:
             file = figure_file(name)
             try:
                 with pyplot.rc_context({"svg.hashsalt": "workbench"}):
-                    saved(figure, partial(figure.savefig, folder / f"{file}.svg", metadata={"Date": None}))
                     saved(figure, partial(figure.savefig, folder / f"{file}.png", dpi=150))
+                    figure.set_layout_engine("none")  # laid out once, so that both files show the same
+                    saved(figure, partial(figure.savefig, folder / f"{file}.svg", metadata={"Date": None}))
             finally:
                 pyplot.close(figure)
 

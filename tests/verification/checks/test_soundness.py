@@ -92,6 +92,8 @@ JUMPS = {
     "truth of a number": lambda x, u, w, k: 0.5 * x + 0.1 * ca.logic_and(x, u) + u,
 }
 
+JUMPS_WITH_U = ("floor of the input", "truth of a number")
+
 
 @pytest.mark.parametrize("name", JUMPS)
 def test_slopes_bound_no_difference_across_a_jump(name):
@@ -100,10 +102,52 @@ def test_slopes_bound_no_difference_across_a_jump(name):
     assert judged(d, "A2.lifted").standing is not PROVED
     found = slope_bounds(plant, box(plant))
     assert found.reason is not None and "not shown to be continuous" in found.reason
-    assert judged(over(d, box(plant)), "lambda_min.partial").standing is not PROVED
+    for one in ("A4.partial", "lambda_min.partial"):  # of the slope by u, which asks for continuity along u alone
+        assert (judged(over(d, box(plant)), one).standing is PROVED) == (name not in JUMPS_WITH_U)
     e = over(dossier(plant, learning()), box(plant, (-9, 9), (-9, 9)))
     for name in INCREMENTS:
         assert judged(e, name).standing is not PROVED
+
+
+def _tabled(at):
+    return ca.pw_lin(at, ca.DM([-8, -0.3, 0.1, 0.45, 9]), ca.DM([0, 0.2, 0.1, 0.4, -0.3]))
+
+
+OF_U = ("A4.partial", "lambda_min.partial")
+SWITCHED = {
+    # equation, which claims are PROVED over x and u in [-1, 1]
+    "a table of x": (lambda x, u, w, k: 0.5 * x + _tabled(x) + u, ("A2.lifted", *OF_U)),
+    "a table of u": (lambda x, u, w, k: 0.5 * x + _tabled(u) + u, ("A2.lifted", *OF_U)),
+    "a falling table of u": (lambda x, u, w, k: 0.5 * x + _tabled(u), ("A2.lifted", "lambda_min.partial")),
+    "a table as gain": (lambda x, u, w, k: 0.5 * x + u * (1 + _tabled(x)), ("A2.lifted", *OF_U)),
+    "a table and a jump of x": (lambda x, u, w, k: 0.5 * x + _tabled(x) + 1e-12 * (x > 0.2) + u, OF_U),
+    "a table and a jump of u": (lambda x, u, w, k: 0.5 * x + _tabled(u) + 1e-12 * (u > 0.2) + u, ()),
+    "a table that jumps": (lambda x, u, w, k: 0.5 * x + _tabled(u) + ca.if_else(u > 0.1, u + 1e-9, u), ()),
+    "a guarded root of x": (lambda x, u, w, k: 0.5 * x + ca.if_else(x > 0.3, ca.sqrt(x - 0.3), 0) + u, OF_U),
+    "a guarded root that jumps": (lambda x, u, w, k: 0.5 * x + ca.if_else(x > 0.3, ca.sqrt(x), 0) + u, OF_U),
+    "a guarded quotient": (
+        lambda x, u, w, k: 0.5 * x + ca.if_else(ca.fabs(x) > 0.25, 1 / x, 16 * x) + u, ("A2.lifted", *OF_U)),
+    "sides that miss by a rounding": (
+        lambda x, u, w, k: 0.5 * x + ca.if_else(ca.fabs(x) > 0.3, 0.09 / x, x) + u, OF_U),
+    "a mean slope beside 1": (
+        lambda x, u, w, k: 0.5 * x + ca.if_else(ca.fabs(x) > 1e-8, ca.sin(x) / x, 1) * u, OF_U),
+    "a guard of u": (lambda x, u, w, k: 0.5 * x + ca.if_else(u > 0.3, 2 * u, u), ()),
+    "a guard of u and x": (lambda x, u, w, k: 0.5 * x + ca.if_else(u > x, 2 * u, u + 1e-9), ()),
+    "a branch without a value": (lambda x, u, w, k: 0.5 * x + ca.if_else(x > 0.3, ca.sqrt(x - 0.4), 0) + u, ()),
+    "a guard that lets a pole in": (lambda x, u, w, k: 0.5 * x + ca.if_else(x > -0.3, 1 / (x + 0.3), 0) + u, ()),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SWITCHED)
+def test_what_is_proved_behind_guards_and_of_tables(name):
+    equation, proved = SWITCHED[name]
+    plant = plant_of(equation)
+    d = over(dossier(plant, adaptive(lam=9.0)), box(plant))
+    found = {one: judged(d, one) for one in ("A2.lifted", *OF_U)}
+    assert {one for one, verdict in found.items() if verdict.standing is PROVED} == set(proved)
+    for one in proved:
+        table = "continuous function through its points" in found[one].method
+        assert table == ("table" in name and (name != "a table and a jump of x" or one == "A2.lifted"))
 
 
 def test_a_bound_by_slopes_would_be_broken_across_a_jump():

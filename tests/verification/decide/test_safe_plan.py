@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from small_plants import small
+from small_studies import in_plant_units
 
 import workbench as wb
 from models.quantity import InvalidValue
@@ -20,7 +21,7 @@ from workbench.contracts.finding import Grounds, Standing
 from workbench.contracts.law import LearningGain
 from workbench.contracts.scenario import From, NormalNoise, UniformNoise
 from workbench.contracts.settings import changed
-from workbench.contracts.study import Inverse
+from workbench.contracts.study import Inverse, composed
 from workbench.controllers import ICFDL, PD, Increment
 
 N = 10
@@ -32,7 +33,7 @@ STUCK = small("Stuck", lambda x, u, k: (0.6 * x[0] + 0.2 * (u > 0.5) + 0.5 * (u 
 
 
 def law(kind: Any = Increment, **changes: Any) -> Any:
-    return kind(**{"force_unit": 1.0, "rho": 0.5, "lam": 1.0, "mu": 1.0, "initial_input": 0.3, **changes})
+    return in_plant_units(kind, **changes)
 
 
 def study(plant: Any = FIRST, controller: Any = None, **changes: Any) -> Study:
@@ -166,3 +167,27 @@ def test_what_is_no_question_is_told_in_one_line(which, bounds, said):
     with pytest.raises(InvalidValue) as raised:
         wb.safe_plan(study(), which, bounds)
     assert said in str(raised.value) and "\n" not in str(raised.value)
+
+
+def made_of_its_own(*fields: str) -> Study:
+    """Return the study, some of whose fields it makes of settings of its own."""
+    whole = study()
+    given = {"reference": whole.reference, "controllers": whole.controllers, "first_plan": 0.3}
+    others = {name: value for name, value in given.items() if name not in (*fields, "first_plan")}
+    others |= {"name": "small", "plant": FIRST, "trials": 4, "trial_length": whole.trial_length}
+    return composed(None, lambda own, seed: {name: given[name] for name in fields}, **others)
+
+
+@pytest.mark.parametrize("field", ["controllers", "first_plan"])
+def test_a_study_that_makes_what_is_to_be_changed_is_told_in_one_line(field):
+    of = made_of_its_own(field)
+    with pytest.raises(InvalidValue) as raised:
+        wb.safe_plan(of, "law", {"x0": (None, 1.05)})
+    assert f"it makes {field} of settings of its own" in str(raised.value) and "\n" not in str(raised.value)
+    assert wb.safe_plan(dataclasses.replace(of, compose=None), "law", {"x0": (None, 1.05)})
+
+
+def test_a_study_that_makes_other_fields_has_the_plan_of_one_that_makes_none():
+    of, plain = made_of_its_own("reference"), study()
+    bounds = {"u": (0.1, 2)}
+    assert wb.safe_plan(of, "law", bounds).share == wb.safe_plan(plain, "law", bounds).share

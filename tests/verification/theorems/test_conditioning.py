@@ -115,7 +115,7 @@ def test_a_plant_that_forgets_keeps_its_digits(samples):
 
 
 def test_what_is_least_decides():
-    """A margin of 0 is enough: at least 3 digits are asked for."""
+    """A margin of 0 is enough: no more than the least is asked for."""
     of = Digits(campaign(CALM, 5))
     of.last = lambda name, relative: Digits.last(of, name, relative)._replace(change=10.0**-LEAST)
     assert well_conditioned(of, "law").standing is Standing.SUPPORTED

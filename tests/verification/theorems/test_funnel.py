@@ -12,8 +12,9 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 import numpy as np
 import pytest
-from learning_laws import Late, Planned, Started, Starting
+from learning_laws import FeedsBack, Late, Planned, Started, Starting
 from small_plants import small
+from small_studies import gathered, in_plant_units
 
 from models.actuator import Actuator
 from models.array import Array
@@ -42,8 +43,8 @@ FIXED = TrialLength(law="fixed")
 
 
 def law(kind: Any = Increment, **changes: Any) -> Any:
-    """Return a law in the plants' own unit; l lies between 0.15 and l_max = rho/(2 sqrt(lam)) = 0.25."""
-    return kind(**{"force_unit": 1.0, "rho": 0.5, "lam": 1.0, "mu": 1.0, "initial_input": 0.3, **changes})
+    """Return a law in the plants' own unit, on increments where no kind is named."""
+    return in_plant_units(kind, **changes)
 
 
 def fast(reach: float, **changes: Any) -> Any:
@@ -51,20 +52,10 @@ def fast(reach: float, **changes: Any) -> Any:
     return law(rho=1.0, lam=1 / (4 * reach**2), **changes)
 
 
-def gather(plant: Plant, controller: Any = None, *, trials: int = 6, reference: Any = RAMP, **changes: Any) -> Dossier:
+def gather(plant: Plant, controller: Any = None, **changes: Any) -> Dossier:
+    """Return the dossier of a law on a plant, over six trials of uniform lengths where nothing else is said."""
     lengths = changes.pop("lengths", TrialLength(law="uniform", minimum=4))
-    scope, asked = changes.pop("scope", {}), changes.pop("limits", {})
-    study = Study(
-        name="small",
-        plant=plant,
-        reference=reference,
-        controllers={"law": controller or law()},
-        trials=trials,
-        trial_length=lengths,
-        verify=Verification(scope=scope, limits=asked),
-        **changes,
-    )
-    return Dossier(run(study, show_progress=False), "law")
+    return gathered(plant, controller or law(), lengths=lengths, **{"trials": 6, "reference": RAMP, **changes})
 
 
 @declared
@@ -113,11 +104,8 @@ class Pair(Plant):
 
 
 @declared
-class Fed(Increment):
+class Fed(FeedsBack, Increment):
     """It feeds back within the trial."""
-
-    def act(self, memory_k: Any, state: Any, r: Any, r_next: Any, y: Any) -> Any:
-        return memory_k.u * self.force_unit + 0.1 * (r - y), state
 
 
 @declared

@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 import pytest
 from judging import judged
-from learning_laws import Late
+from learning_laws import FeedsBack, Late
 from small_plants import small
+from small_studies import gathered, in_plant_units
 
 from models.actuator import Actuator
 from models.plant import Plant, signals
@@ -43,22 +44,14 @@ UNIT = small("Unit", lambda x, u, k: (0.5 * x[0] + u,))
 
 
 def law(kind: Any = ICFDL, **changes: Any) -> Any:
-    """Return a law in the plants' own unit; l_max is rho/(2 sqrt(lam))."""
-    return kind(**{"force_unit": 1.0, "rho": 0.5, "lam": 1.0, "mu": 1.0, "initial_input": 0.3, **changes})
+    """Return a law in the plants' own unit, the paper's where no kind is named."""
+    return in_plant_units(kind, **changes)
 
 
-def gather(plant: Plant, controller: Any = None, *, trials: int = 12, reference: Any = RAMP, **changes: Any) -> Dossier:
+def gather(plant: Plant, controller: Any = None, **changes: Any) -> Dossier:
+    """Return the dossier of a law on a plant, over twelve trials of uniform lengths where nothing else is said."""
     lengths = changes.pop("lengths", TrialLength(law="uniform", minimum=N // 2))
-    study = Study(
-        name="small",
-        plant=plant,
-        reference=reference,
-        controllers={"law": controller or law()},
-        trials=trials,
-        trial_length=lengths,
-        **changes,
-    )
-    return Dossier(run(study, show_progress=False), "law")
+    return gathered(plant, controller or law(), lengths=lengths, **{"trials": 12, "reference": RAMP, **changes})
 
 
 def at_edge(share: float) -> Any:
@@ -94,11 +87,8 @@ class Tiring(ICFDL):
 
 
 @declared
-class Fed(ICFDL):
+class Fed(FeedsBack, ICFDL):
     """It feeds back within the trial."""
-
-    def act(self, memory_k: Any, state: Any, r: Any, r_next: Any, y: Any) -> Any:
-        return memory_k.u * self.force_unit + 0.1 * (r - y), state
 
 
 @declared
@@ -168,8 +158,88 @@ CASES = [
         small("ByState", lambda x, u, k: (0.6 * x[0] + (0.5 + 0.1 * ca.sin(x[0])) * u,)),
         law(),
         {},
+        PROVED,
+        "slopes B of 0.4 to 0.6",
+    ),
+    (
+        "slope by state, without end",
+        small("ByStateOn", lambda x, u, k: (0.6 * x[0] + (0.5 + 0.1 * x[0] ** 2) * u,)),
+        law(),
+        {},
         UNDECIDED,
-        "depends on x0: a set that is shown to hold every trial would decide",
+        "depends on x0",
+    ),
+    (
+        "slope by state, too large where few trials come",
+        small("ByState", lambda x, u, k: (0.6 * x[0] + (0.5 + 0.45 * ca.sin(x[0])) * u,)),
+        at_edge(1.01 / 0.95),
+        {},
+        UNDECIDED,
+        "l_max b_high is 2.02",
+    ),
+    (
+        "slope by state, just small enough",
+        small("ByState", lambda x, u, k: (0.6 * x[0] + (0.5 + 0.45 * ca.sin(x[0])) * u,)),
+        at_edge(0.99 / 0.95),
+        {},
+        PROVED,
+        "slopes B of 0.05 to 0.95",
+    ),
+    (
+        "slope by state that turns",
+        small("Turns", lambda x, u, k: (0.6 * x[0] + (0.5 + 0.51 * ca.sin(x[0])) * u,)),
+        law(),
+        {},
+        UNDECIDED,
+        "not shown to be positive",
+    ),
+    (
+        "slope that grows",
+        small("Cubic", lambda x, u, k: (0.6 * x[0] + 0.5 * u + 0.1 * u**3,)),
+        law(),
+        {},
+        UNDECIDED,
+        "depends on u, and no ends of it are known for all of them: a set that is shown to hold every trial",
+    ),
+    (
+        "a kink",
+        small("Bent", lambda x, u, k: (0.6 * x[0] + u + 0.5 * ca.fabs(u - 0.2),)),
+        law(),
+        {},
+        PROVED,
+        "0.5 to 1.5",
+    ),
+    (
+        "a dead zone",
+        small("Zone", lambda x, u, k: (0.6 * x[0] + ca.fmax(u - 1, 0) + ca.fmin(u + 1, 0),)),
+        law(),
+        {},
+        UNDECIDED,
+        "not shown to be positive",
+    ),
+    (
+        "slope by input",
+        small("ByInput", lambda x, u, k: (0.6 * x[0] + 0.5 * u + 0.1 * ca.fabs(u - 0.2),)),
+        law(),
+        {},
+        PROVED,
+        "slopes B of 0.4 to 0.6",
+    ),
+    (
+        "slope by a table of the input",
+        small("ByTable", lambda x, u, k: (0.6 * x[0] + ca.pw_lin(u, ca.DM([-1, 0.3, 1]), ca.DM([-0.6, 0.1, 0.6])),)),
+        law(),
+        {},
+        PROVED,
+        "slopes B of 0.5385 to 0.7143",
+    ),
+    (
+        "a guarded root of the state",
+        small("Guarded", lambda x, u, k: (0.6 * x[0] + 0.5 * u + ca.if_else(x[0] > 0.3, ca.sqrt(x[0] - 0.3), 0),)),
+        law(),
+        {},
+        PROVED,
+        "slopes B of 0.5 to 0.5",
     ),
     (
         "not onto",
@@ -177,7 +247,15 @@ CASES = [
         law(),
         {},
         UNDECIDED,
-        "depends on u: a set",
+        "not shown to be positive and bounded, 0 at the least",
+    ),
+    (
+        "falling, by state",
+        small("Falling", lambda x, u, k: (0.6 * x[0] - (0.5 + 0.4 * ca.cos(x[0])) * u,)),
+        law(),
+        {"trials": 3},
+        REFUTED,
+        "never falls",
     ),
     (
         "falling",
@@ -279,6 +357,74 @@ def test_conclusion_just_beyond_each_premise(name, plant, controller, changes, s
         assert found.margin == pytest.approx(2 - found.bound, abs=1e-12)
 
 
+EVERYWHERE = [
+    # next state, the true least and largest slope by u over all x, u and k = 0..N-1; None where there is none
+    (lambda x, u, k: 0.6 * x + (0.5 + 0.1 * ca.sin(x)) * u, (0.4, 0.6)),
+    (lambda x, u, k: u + 0.3 * ca.fabs(u - 0.2), (0.7, 1.3)),
+    (lambda x, u, k: u + 0.2 * ca.sin(3 * u + x), (0.4, 1.6)),
+    (lambda x, u, k: u + ca.tanh(u), (1.0, 2.0)),
+    (lambda x, u, k: ca.atan(u), (0.0, 1.0)),
+    (lambda x, u, k: u * ca.exp(-(x**2)), (0.0, 1.0)),
+    (lambda x, u, k: (x - x + 2) * u, (2.0, 2.0)),
+    (lambda x, u, k: ca.if_else(k < 4, 1 + 0.1 * ca.cos(x), 2 + 0.1 * ca.cos(x)) * u, (0.9, 2.1)),
+    (lambda x, u, k: u + ca.erf(x) * u / 2 + ca.sqrt(1 + x**2) * 0, (0.5, 1.5)),
+    (lambda x, u, k: (2 + ca.sign(x)) * u, (1.0, 3.0)),
+    (lambda x, u, k: ca.if_else(x > 1, 2.0, 0.5) * u, (0.5, 2.0)),
+    (lambda x, u, k: u + 0.1 * u**3, (1.0, None)),
+    (lambda x, u, k: x * u, (None, None)),
+    (lambda x, u, k: (ca.fabs(x) - x) * u, (0.0, None)),
+    (lambda x, u, k: (ca.exp(x) - ca.exp(2 * x)) * u, (None, 0.25)),
+    (lambda x, u, k: u * ca.cosh(x), (1.0, None)),
+    (lambda x, u, k: u * ca.log(1 + x**2), (0.0, None)),
+    (lambda x, u, k: ca.fmod(x, 2.0) * u, (-2.0, 2.0)),
+]
+
+
+@pytest.mark.parametrize(("equation", "ends"), EVERYWHERE)
+def test_slopes_over_all_states_and_inputs(equation, ends):
+    """Between their ends lies every slope, however far out; they are as near as a rounding, or there are none."""
+    found = limit.slope_everywhere(small("Any", lambda x, u, k: (equation(x[0], u, k),)), N)
+    x, u, k = (ca.SX.sym(name) for name in "xuk")
+    exact = ca.Function("slope", [x, u, k], [ca.gradient(equation(x, u, k), u)])
+    rng = np.random.default_rng(0)
+    far = 10.0 ** rng.uniform(-3, 2.5, (2, 4000)) * rng.choice([-1, 1], (2, 4000))
+    seen = exact(far[0][None, :], far[1][None, :], rng.integers(0, N, 4000)[None, :]).full().ravel()
+    if None in ends:
+        assert isinstance(found, str) and "no ends of it are known for all of them" in found
+        return
+    assert not isinstance(found, str), found
+    assert found[0] <= np.nanmin(seen) and np.nanmax(seen) <= found[1]
+    assert found == pytest.approx(ends, abs=1e-12)
+    assert found[0] <= ends[0] + 1e-15 and ends[1] - 1e-15 <= found[1]
+
+
+def test_slopes_of_a_table_over_all_inputs():
+    """Its outer pieces go on for ever; what it is multiplied by has no end there."""
+    grid, values = np.array([-1.0, 0.0, 1.0, 2.0]), np.array([0.0, 0.3, 0.1, 0.5])
+    table = ca.interpolant("table", "linear", [grid.tolist()], values.tolist())
+    low, high = limit.slope_everywhere(small("Tabled", lambda x, u, k: (u + table(u),)), N)
+    rises = 1 + np.diff(values) / np.diff(grid)
+    assert low <= rises.min() and rises.max() <= high and (low, high) == pytest.approx((rises.min(), rises.max()))
+    found = limit.slope_everywhere(small("Tabled", lambda x, u, k: ((2 + table(x[0])) * u,)), N)
+    assert isinstance(found, str) and "no ends of it are known" in found
+
+
+NOWHERE = [
+    # next state, words
+    (lambda x, u, k: u / x, "has no value for some x0"),
+    (lambda x, u, k: u * ca.log(x), "has no value for some x0"),
+    (lambda x, u, k: u * ca.tan(x), "has no value for some x0"),
+    (lambda x, u, k: u + ca.if_else(u > 0, ca.sqrt(u), 0), "has no value for some u"),
+    (lambda x, u, k: u / (k - 3), "at sample 3 the slope of y(k+1) by u(k) has no value"),
+]
+
+
+@pytest.mark.parametrize(("equation", "words"), NOWHERE)
+def test_slopes_that_are_nowhere_known(equation, words):
+    found = limit.slope_everywhere(small("Any", lambda x, u, k: (equation(x[0], u, k),)), N)
+    assert isinstance(found, str) and words in found, found
+
+
 CONTINUOUS = [
     # next state, words; empty where it is defined and continuous for all x and u, at k = 0..N-1
     (lambda x, u, k: x[0] / (k - 5), "a pole of div"),
@@ -294,11 +440,15 @@ CONTINUOUS = [
     (lambda x, u, k: ca.if_else(k < x[0], u, 0), "a jump"),
     (lambda x, u, k: ca.if_else(k < 3, ca.sqrt(x[0]), u), "the end of a domain of sqrt"),
     (lambda x, u, k: ca.fmax(x[0], u) * ca.fabs(u) + ca.tanh(x[0]) + ca.exp(u), ""),
-    (lambda x, u, k: u / (1 + x[0] ** 2), "a pole of div"),  # none, but that is not looked at
-    (lambda x, u, k: u + ca.fabs(x[0]) ** 1.5, "the end of a domain of pow"),
+    (lambda x, u, k: u / (1 + x[0] ** 2), ""),
+    (lambda x, u, k: u / (1 - x[0] ** 2), "a pole of div"),
+    (lambda x, u, k: u + ca.fabs(x[0]) ** 1.5, ""),
+    (lambda x, u, k: u + x[0] ** 1.5, "the end of a domain of"),
     (lambda x, u, k: u + x[0] ** 3, ""),
     (lambda x, u, k: ca.atan2(u, x[0]), "a jump of atan2"),
-    (lambda x, u, k: ca.sign(u) * u, "a jump of sign"),
+    (lambda x, u, k: ca.sign(u) * u, ""),
+    (lambda x, u, k: ca.sign(u) * (u + 1e-9), "a jump of sign"),
+    (lambda x, u, k: ca.sign(u) * u * ca.sign(k - x[0]), "a jump of sign"),
 ]
 
 
@@ -328,8 +478,11 @@ def test_without_its_meaning_it_is_not_made(plant, controller, lacks):
     assert [lacks in one.lacks for one in claims_of(Dossier(run(study, show_progress=False), "law"))] == [True, True]
 
 
+GAINED = small("Gained", lambda x, u, k: (0.8 * x[0] + (1 + 0.8 * ca.sin(3 * x[0])) * u + 0.15 * ca.fabs(u - 0.3),))
 CONVERGES = [
     # plant, law: phi moves with the data in all of them
+    (GAINED, law()),
+    (GAINED, law(rho=1.0, lam=1 / (16 * (0.97 / 1.95) ** 2), mu=0.01)),  # l_max b = 1.94 at the most
     (BENT, law()),
     (BENT, law(rho=1.0, lam=1 / (16 * (2 * 0.95) ** 2), mu=0.01)),  # l_max b = 1.9
     (KINKED, law(mu=1e-3)),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from judging import standings
 from small_plants import small
+from small_studies import in_plant_units
 
 from models.plant import Plant
 from models.quantity import quantity
@@ -41,7 +42,7 @@ def weighed() -> Plant:
 
 
 def law(kind: Any = Increment, **changes: Any) -> Any:
-    return kind(**{"force_unit": 1.0, "rho": 0.5, "lam": 1.0, "mu": 1.0, "initial_input": 0.3, **changes})
+    return in_plant_units(kind, **changes)
 
 
 def gather(plant: Plant = LEAKING, laws: Any = None, **changes: Any) -> list[Dossier]:

@@ -170,3 +170,23 @@ def test_ties():
         assert call(slope, {"x": 0.3, "y": 0.3})["df_dx"][0, 0] == expected
         assert float(ca.Function("d", [x, y], [ca.jacobian(expression, x)])(0.3, 0.3)) == expected
     assert DOUBLES.operations["sign"](0.0) == 0.0
+
+
+GUARDED = [
+    # expression, point, slope by x
+    (ca.if_else(x > 0, ca.sqrt(x), 0), -1.0, 0.0),
+    (ca.if_else(x > 0, ca.sqrt(x), 0), 0.25, 1.0),
+    (ca.if_else(x > 0, ca.sqrt(x) * ca.sqrt(x) + ca.log(x), 3 * x), -1.0, 3.0),
+    (ca.if_else(x > 0, ca.sin(ca.sqrt(x)) + ca.sqrt(x), 3 * x) * y, -1.0, 6.0),
+    (ca.if_else(x > 0, ca.if_else(x > 1, ca.sqrt(x - 1), x), 2 * x), 0.5, 1.0),
+    (ca.if_else(x > 0, ca.if_else(x > 1, ca.sqrt(x - 1), x), 2 * x), -0.5, 2.0),
+    (ca.if_else(ca.fabs(x) > 0.5, 1 / x, 4 * x), 0.0, 4.0),
+    (ca.sqrt(ca.if_else(x > 0, x, 0)) + x, 0.25, 2.0),
+    ((x > 0) * ca.sqrt(x), -1.0, np.nan),  # nothing guards the root: it has no value either
+]
+
+
+@pytest.mark.parametrize(("expression", "at", "expected"), GUARDED, ids=lambda one: str(one)[:50])
+def test_a_branch_that_does_not_count_has_no_share_in_the_slope(expression, at, expected):
+    found = call(jacobian(read(scalar(expression)), "f", "x"), {"x": at, "y": 2.0})["df_dx"][0, 0]
+    np.testing.assert_allclose(found, expected, rtol=1e-15)
