@@ -212,6 +212,17 @@ def test_what_is_not_so_has_no_certificate(make):
         Recheck().sentence(make())
 
 
+@pytest.mark.parametrize("case", ["", *VARIABLE_GAIN.cases])
+def test_a_law_learns_as_the_patent_says_in_every_case_or_has_no_certificate(case):
+    study = settings.in_case(VARIABLE_GAIN, case)
+    for name in study.controllers:
+        identity_of = LawEquations(study, name).learning()
+        if identity_of.finding().standing is Standing.PROVED:
+            assert Recheck().sentence(identity_of.certificate("It learns.")).endswith("where both exist.)")
+        else:
+            rejected(identity_of.certificate("It learns."))
+
+
 @pytest.mark.parametrize("factor", [0.9, 1.0, 1.1])
 def test_same_plant_knows_its_model_or_has_no_certificate(factor):
     small = dataclasses.replace(SMALL, truth={"mass": factor})

@@ -37,13 +37,18 @@ def check(statement: object, graph: Graph) -> tuple[str, dict[str, fmpq]]:
 
 def fractions(graph: Graph, sides: Sequence[int | fmpq]) -> list[Fraction]:
     """Return nodes and numbers as fractions of polynomials in the coordinates and in what is no arithmetic."""
-    plan = graph.ancestors({one for one in sides if isinstance(one, int)})
-    loose = [k for k in plan if not _is_arithmetic(k, graph)]
+    plan, stack = set[int](), [one for one in sides if isinstance(one, int)]
+    while stack:  # what an atom is made of is not looked at
+        k = stack.pop()
+        if k not in plan:
+            plan.add(k)
+            stack += graph.nodes[k][1:] if _is_arithmetic(k, graph) and graph.nodes[k][0] != "const" else ()
+    loose = sorted(k for k in plan if not _is_arithmetic(k, graph))
     context = fmpq_mpoly_ctx.get([f"a{k}" for k in loose] or ["a"], "lex")
     atoms = dict(zip(loose, context.gens(), strict=False))
     one = context.constant(1)
     known: dict[int, Fraction] = {}
-    for k in plan:
+    for k in sorted(plan):
         op, *args = graph.nodes[k]
         known[k] = (
             (atoms[k], one)

@@ -43,7 +43,10 @@ def changed(certificate, **statement):
     return dataclasses.replace(certificate, statement={**certificate.statement, **statement})
 
 
+VAST = ca.sin(((X + U + K) ** 30 + 1) ** 30)  # of a polynomial with more terms than the checker bears
 SIDES = [
+    (VAST * (U + 1), U * VAST + VAST, True),
+    (((X + U + K) ** 30 + 1) ** 30 + U, U + ((X + U + K) ** 30 + 1) ** 30, False),
     ((X + U) ** 2, X**2 + 2 * X * U + U**2, True),
     ((X + U) ** 2, X**2 + 2.0000000000000004 * X * U + U**2, False),
     ((X**2 - U**2) / (X - U), X + U, True),
