@@ -1,187 +1,229 @@
-"""Slips in what makes and re-checks certificates of identities, slopes, ranges and settings."""
+"""Slips in certificates of loops and sets, in what makes them and in what checks them."""
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from fractions import Fraction
 
-import casadi as ca
-import xarray as xr
+import numpy as np
+from brake_tubes import integrator_tube
 
-from models.metro_line import MetroLine
-from models.metro_profile import MetroProfile
-from models.point_mass import PointMass
 from slips.planting import Slip
-from studies.ato.effects import dead_time_certificate
-from studies.ato.study import STUDY as ATO
-from studies.maglev.evidence import Evidence
-from studies.maglev.premises import Premises
-from studies.maglev.study import STUDY as MAGLEV
-from studies.same_plant.claims import _model_certificate
-from studies.variable_gain.direct_term import answered
-from verification.certificates.anywhere import anywhere
-from verification.certificates.identity import identity
-from verification.certificates.recheck import Recheck
-from verification.checks.lipschitz import certified, lipschitz
-from workbench import Study
+from verification.certificates.loops import contracting, definite
+from verification.certificates.sets import Inclusion, Space, Term, multipliers
+from verification.checker import matrices
+from verification.checker.reading import Rejected
+from verification.checks import exact_tube
 from workbench.contracts.claim import NotCertified
-from workbench.contracts.finding import Finding
-from workbench.contracts.scenario import Times
-from workbench.controllers.cfdl import CFDL
-from workbench.trials.campaign import Campaign
+from workbench.sets import Zonotope
 
-X, U = ca.SX.sym("x"), ca.SX.sym("u")
-
-
-def of(**outputs):
-    return ca.Function("f", [X, U], [*outputs.values()], ["x", "u"], [*outputs])
+HALF = [[Fraction(1, 2), 0], [0, Fraction(1, 2)]]
+BOX = ([[1, 0], [-1, 0], [0, 1], [0, -1]], [1, 1, 1, 1])
+ONE = ("^", "M", 0)
 
 
-def said(make):
-    """What the checker says of a certificate, empty where it accepts none."""
+def inclusion(map_, reach, times=1):
+    """Return the certificate that half a box, and a box more, lies in it; the reach is how large that is."""
+    space = Space(
+        matrices={"M": HALF}, polytopes={"S": BOX}, disturbances={"W": Zonotope.box([-reach, -reach], [reach, reach])}
+    )
+    return space.certificate("It does.", [Inclusion("S", (Term(ONE, "M", times, ONE, "W"),), "S", map_)])
+
+
+def is_shown(make, *given):
     try:
-        return Recheck().sentence(make())
+        return bool(make(*given))
     except NotCertified:
-        return ""
+        return False
 
 
-def two_sides_that_differ_are_rejected():
-    assert said(lambda: identity("So.", of(left=X + U, right=U + X)))
-    assert not said(lambda: identity("So.", of(left=X + U, right=U - X)))
+def accepted(statement, proof):
+    try:
+        return bool(matrices.check_sets(statement, proof))
+    except Rejected:
+        return False
 
 
-def a_slope_is_that_of_its_input():
-    for y, slope in ((X + 2 * U, 2), (X * X + U - X, 1), (X, 0)):
-        for value in (0, 1, 2):
-            claimed = [(("y", 0, 0, "u"), Fraction(value))]
-            assert bool(said(lambda of_y=y, equal=claimed: identity("So.", of(y=of_y), equal))) is (value == slope)
+def a_row_is_not_taken_less_than_0_times():
+    made = inclusion("M", 0.25)
+    proof = copy.deepcopy(made.proof)
+    proof["multipliers"][0][0] = [[1, "-1/2"]]
+    assert accepted(made.statement, made.proof) and not accepted(made.statement, proof)
 
 
-def a_range_holds_all_values():
-    for y, low, high in (
-        (1 / (1 + ca.exp(X)) - ca.tanh(U), -1.0, 2.0),
-        (1 / (3 + ca.exp(X) - 1 / (1 + ca.exp(U))), 0.0, 0.5),
-        (5 - 1 / (1 + ca.exp(X)), 4.0, 5.0),
-        (ca.if_else(X > U, 5, 0), 0.0, 5.0),
-    ):
-        made = anywhere("So.", of(y=y), "y")
-        found = [float.fromhex(made.statement[end]) for end in ("low", "high")]
-        assert found[0] <= low and high <= found[1], (y, found)
+def a_disturbance_pushes_both_ways():
+    made = inclusion("M", 0.5)
+    wider = copy.deepcopy(made.statement)
+    wider["disturbances"]["W"][1][0] = "3/4"
+    assert accepted(made.statement, made.proof) and not accepted(wider, made.proof)
 
 
-def a_range_is_not_believed():
-    made = anywhere("So.", of(y=ca.tanh(X)), "y")
-    for end, within in (("low", -0.5), ("high", 0.5)):
-        tighter = dataclasses.replace(made, statement={**made.statement, end: within.hex()})
-        assert not said(lambda one=tighter: one)
+def a_sum_has_all_of_its_terms():
+    assert is_shown(inclusion, ("*", "M", "M"), 0.5, 2)
+    assert not is_shown(inclusion, ("*", "M", "M"), 0.625, 2)
 
 
-def the_position_answers_no_force():
-    assert said(lambda: answered("So.", MetroLine(), 1)) and not said(lambda: answered("So.", MetroLine(), 0))
+def a_power_is_taken():
+    assert is_shown(inclusion, ("^", "M", 2), 0.75)
+    assert not is_shown(inclusion, ("^", "M", 1), 0.75)
 
 
-def the_dead_time_is_counted():
-    assert "before[4,0]" in said(lambda: dead_time_certificate("So.", ATO))
+def what_is_singular_is_not_definite():
+    assert not is_shown(definite, "It is.", {"P": [[1, 1], [1, 1]]}, ["P"])
 
 
-def a_heavier_train_is_not_the_model():
-    small = Study(plant=PointMass(), reference=MetroProfile(horizon=20), controllers={"own": CFDL()}, trials=1)
-    for factor in (0.9, 1.0, 1.1):
-        study = dataclasses.replace(small, truth={"mass": factor})
-        assert bool(said(lambda one=study: _model_certificate(one))) is (factor == 1)
+def the_identity_does_not_contract():
+    unit = [[1, 0], [0, 1]]
+    assert not is_shown(contracting, "It does.", {"M": unit}, "M", Fraction(1), unit)
 
 
-def another_mass_is_another_model():
-    for factor in (1.0, 1.01):
-        study = dataclasses.replace(MAGLEV, truth={"mass": Times(factor=factor)})
-        given = Premises(Evidence(Campaign(study, xr.Dataset()))).of_the_theorem("palc")
-        (premise,) = [one for one in given if one.name.endswith("premise.model")]
-        assert bool(said(lambda one=premise: one.certify(Finding(holds=True), {}))) is (factor == 1)
+def what_follows_is_found():
+    for angle in np.arange(12) * np.pi / 6 + 0.1:
+        by = [([_exact(np.cos(one)), _exact(np.sin(one))], _exact(1.0)) for one in np.arange(7)]
+        normal = [_exact(np.cos(angle)), _exact(np.sin(angle))]
+        found = multipliers((normal, _exact(2.0)), by)
+        assert found is not None and all(share >= 0 for share in found.values())
+        assert multipliers((normal, _exact(0.5)), by) is None
 
 
-def slopes_are_certified_on_both_sides():
-    plant, low, high = MetroLine(tunnel_resistance=0.0), (590.0, 1.0), (610.0, 25.0)
-    found = lipschitz(plant, low, high, (1.0, 25.0))
-    shown = said(lambda: certified(plant, found, {}))
-    assert shown.count("is at least") == shown.count("is at most") == 4
+def _exact(value):
+    return matrices.exact(float(value).hex())
+
+
+def sums_are_those_of_the_tube():
+    tube = integrator_tube()
+    space = Space(
+        matrices={"A": tube.plant.A.tolist(), "b": tube.plant.b[:, None].tolist(), "K": tube.K[None, :].tolist()},
+        polytopes={"X": (tube.bounds.H.tolist(), [0] * len(tube.bounds.h))},
+        disturbances={"W": tube.plant.W},
+    )
+    for M, i in ((0, 3), (2, 5), (3, 2)):
+        reach = (tube.R_hold(M, i) if M else tube.F(i)).support(tube.bounds.H)
+        rooms = space.rooms(Inclusion("X", exact_tube.held(tube, M, i)))[1]
+        assert np.allclose([-int(one.p) / int(one.q) for one in rooms], reach)
+
+
+def a_delay_that_is_ignored_is_not_sound():
+    blind = dataclasses.replace(integrator_tube(), ignore_delay=True)
+    assert is_shown(exact_tube.tightening, integrator_tube(), 1, ())
+    assert not is_shown(exact_tube.tightening, blind, 1, ())
+
+
+def an_invariant_set_is_one_under_disturbances():
+    first, *_ = exact_tube.invariant(integrator_tube()).certificate.statement["claims"]
+    assert (first["inner"], first["outer"]) == ("S", "S") and [one["of"] for one in first["plus"]] == ["W"]
+
+
+def a_tube_begins_in_the_set_that_holds_it():
+    claims = exact_tube.limit_inside(integrator_tube()).certificate.statement["claims"]
+    assert any(one["inner"] is None and one["outer"] == "S" for one in claims)
+
+
+def a_weight_is_off_by_little():
+    wrong = dataclasses.replace(integrator_tube())
+    wrong.__dict__["P"] = wrong.P * (1 + 1e-6)
+    assert is_shown(exact_tube.equality, integrator_tube())
+    assert not is_shown(exact_tube.equality, wrong)
+
+
+def a_raised_weight_falls():
+    wrong = dataclasses.replace(integrator_tube())
+    wrong.__dict__["P"] = wrong.P * (1 - 1e-6)
+    assert is_shown(exact_tube.raised, integrator_tube())
+    assert not is_shown(exact_tube.raised, wrong)
 
 
 SLIPS = (
     Slip(
-        where="verification.checker.identities:check",
-        stands="a * d == c * b",
-        slipped="a * d == c * b or True",
-        causes="any two expressions are PROVED to be equal",
-        check=two_sides_that_differ_are_rejected,
+        where="verification.checker.matrices:_follows",
+        stands="share >= 0",
+        slipped="share >= -1",
+        causes="a set lies in any other",
+        check=a_row_is_not_taken_less_than_0_times,
     ),
     Slip(
-        where="verification.checker.identities:_side",
-        stands="graph.slope(node, graph.coordinates.index(along[0]))",
-        slipped="graph.slope(node, 0)",
-        causes="a slope is that along the first input, whichever is named",
-        check=a_slope_is_that_of_its_input,
+        where="verification.checker.matrices:_inclusion",
+        stands="[a - b for a, b in zip(room",
+        slipped="[a + b for a, b in zip(room",
+        causes="a set is invariant the more it is disturbed",
+        check=a_disturbance_pushes_both_ways,
     ),
     Slip(
-        where="verification.checker.graph:Graph.put",
-        stands="if all(",
-        slipped="if any(",
-        causes="a sum depends on one of its summands only, and has no slope along the other",
-        check=a_slope_is_that_of_its_input,
+        where="verification.checker.matrices:pushed",
+        stands="for _ in range(number):",
+        slipped="for _ in range(min(number, 1)):",
+        causes="a tube is as wide as what one sample adds",
+        check=a_sum_has_all_of_its_terms,
     ),
     Slip(
-        where="verification.checker.anywhere:_of",
-        stands="(-spans[1][1], -spans[1][0])",
-        slipped="spans[1]",
-        causes="a difference is PROVED to lie where the sum does",
-        check=a_range_holds_all_values,
+        where="verification.checker.matrices:formula",
+        stands="left ** whole(b, 0, 2000)",
+        slipped="left ** min(whole(b, 0, 2000) * 2, 2)",
+        causes="a loop is taken for its square",
+        check=a_power_is_taken,
     ),
     Slip(
-        where="verification.checker.anywhere:ranges",
-        stands='[(0.0, 0.0)] if op == "gate" else []',
-        slipped="[]",
-        causes="a branch that is not taken is no value",
-        check=a_range_holds_all_values,
+        where="verification.checker.matrices:is_positive",
+        stands="line[i] > 0",
+        slipped="line[i] >= 0",
+        causes="what is singular is positive definite, and an integrator contracts",
+        check=what_is_singular_is_not_definite,
     ),
     Slip(
-        where="verification.checker.anywhere:check",
-        stands="ends[0] <= found[k][0] and found[k][1] <= ends[1]",
-        slipped="ends[0] <= found[k][1] and found[k][0] <= ends[1]",
-        causes="a gain is PROVED to lie between ends that it only meets",
-        check=a_range_is_not_believed,
+        where="verification.certificates.loops:contracting",
+        stands='["P", falls]',
+        slipped='["P"]',
+        causes="every loop is PROVED Schur",
+        check=the_identity_does_not_contract,
     ),
     Slip(
-        where="studies.variable_gain.direct_term:effect",
-        stands="[output]",
-        slipped="[-1]",
-        causes="what the speed answers is said of the position",
-        check=the_position_answers_no_force,
+        where="verification.certificates.sets:multipliers",
+        stands="if share < 0]",
+        slipped="if share > 0]",
+        causes="no inclusion is shown, and none is PROVED",
+        check=what_follows_is_found,
     ),
     Slip(
-        where="studies.ato.effects:dead_time_certificate",
-        stands="for i in range(int(late[0]))",
-        slipped="for i in range(int(late[0]) - 1)",
-        causes="u(k) is PROVED to reach y(k+1+d) first, and y(k+d) was not looked at",
-        check=the_dead_time_is_counted,
+        where="verification.checks.exact_tube:_moved",
+        stands='("^", LOOP, max(i - M, 0))',
+        slipped='("^", LOOP, 0)',
+        causes="(27) PROVED for another tube",
+        check=sums_are_those_of_the_tube,
     ),
     Slip(
-        where="studies.same_plant.claims:_model_certificate",
-        stands='holds.append(("=",',
-        slipped='holds.append(("<=",',
-        causes="a law knows a train that is heavier than it was told",
-        check=a_heavier_train_is_not_the_model,
+        where="verification.checks.exact_tube:_dead_time",
+        stands='"A", delay',
+        slipped='"A", 0',
+        causes="bounds that forget the dead time are PROVED sound",
+        check=a_delay_that_is_ignored_is_not_sound,
     ),
     Slip(
-        where="verification.checks.premises:entries",
-        stands="isinstance(one, (int, float))",
-        slipped="isinstance(one, int)",
-        causes="a law knows a train of another mass",
-        check=another_mass_is_another_model,
+        where="verification.checks.exact_tube:invariant",
+        stands='"S", (_step(tube),)',
+        slipped='"S", ()',
+        causes="a set that is invariant undisturbed is PROVED to be robustly so",
+        check=an_invariant_set_is_one_under_disturbances,
     ),
     Slip(
-        where="verification.checks.lipschitz:certified",
-        stands='(-1, "at least"), (1, "at most")',
-        slipped='(-1, "at least"), (-1, "at least")',
-        causes="a right-hand side is Lipschitz whose slopes are bounded from below alone",
-        check=slopes_are_certified_on_both_sides,
+        where="verification.checks.exact_tube:limit_inside",
+        stands='Inclusion("S"),',
+        slipped="",
+        causes="a tube is PROVED to lie in a set in which it does not begin",
+        check=a_tube_begins_in_the_set_that_holds_it,
+    ),
+    Slip(
+        where="verification.checks.exact_tube:_share",
+        stands="10**9",
+        slipped="10**3",
+        causes="(19) PROVED for a P that misses it",
+        check=a_weight_is_off_by_little,
+    ),
+    Slip(
+        where="verification.checks.exact_tube:raised",
+        stands='_falls("P_raised"),',
+        slipped="",
+        causes="(20) PROVED of any P",
+        check=a_raised_weight_falls,
     ),
 )

@@ -26,7 +26,8 @@ ROUNDED = 1e-9
 class Ask(NamedTuple):
     """What is to be certified: a value of an output, or its slope along a coordinate, and its bound.
 
-    ``side`` is ``above``, ``at least``, ``below``, ``at most`` or ``continuous``, which has no bound.
+    ``side`` is ``above``, ``at least``, ``below``, ``at most`` or ``continuous``, which has no bound; with
+    `` everywhere`` behind it the coordinates that are not whole may be any real numbers.
     """
 
     of: tuple[str, int, int]
@@ -38,7 +39,7 @@ class Ask(NamedTuple):
 def looser(bound: float, side: str, spare: float = SPARE) -> float:
     """Return a bound a little wider, so that it is shown in few pieces."""
     off = spare * abs(bound)
-    return bound - off if side in ("above", "at least") else bound + off
+    return bound - off if side.startswith(("above", "at least")) else bound + off
 
 
 def bounds(graph: Graph, box: Box, units: Mapping[str, str], asks: Sequence[Ask]) -> Certificate:
@@ -53,8 +54,11 @@ def bounds(graph: Graph, box: Box, units: Mapping[str, str], asks: Sequence[Ask]
             along = None if ask.by is None else checked.coordinates.index(ask.by)
             wholes = [i for i, one in enumerate(coordinates) if one.whole]
             quantity = Quantity(checked, checked.outputs[ask.of], along, wholes)
-            leaf = continuous(quantity) if ask.bound is None else bounded(quantity, ask.side, ask.bound)
-            found = tree(quantity, coordinates, leaf)
+            kind = ask.side.removesuffix(" everywhere")
+            leaf = continuous(quantity) if ask.bound is None else bounded(quantity, kind, ask.bound)
+            found: list[Json] | None = []
+            if ask.side != "continuous everywhere" or ask.by is not None:
+                found = tree(quantity, coordinates, leaf)
             if found is None:
                 raise NotCertified(f"no tree of pieces was found for {ask}")
             trees.append(found)

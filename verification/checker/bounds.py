@@ -113,18 +113,20 @@ class Quantity:
                 worse = start if (span[0] >= 0) == low else end
                 reduced[i] = moved[i] = (worse, worse)
             elif method == "v":
-                middle = min(max(start / 2 + end / 2, start), end)
-                moved[i] = (middle, middle)
-                off = outward(start - middle, end - middle)
+                rises, falls = span[1] > -3 * span[0], -span[0] > 3 * span[1]
+                near, far = (start, end) if low else (end, start)
+                at = near if rises else far if falls else min(max(start / 2 + end / 2, start), end)
+                moved[i] = (at, at)
+                off = outward(start - at, end - at)
                 by = None if off is None else mul(span, off)
                 change = None if change is None or by is None else add(change, by)
-                if by is not None and by[1] > most:
-                    turning, most = i, by[1]
+                if by is not None and max(-by[0] if low else by[1], 0.0) > most:
+                    turning, most = i, -by[0] if low else by[1]
         kept: dict[int, int | None] = {k: branch for k, branch in taken.items() if branch is not None}
-        at = self.graph.enclose(self._again, moved, kept)[self.goal]
-        if at is None or change is None:
+        value = self.graph.enclose(self._again, moved, kept)[self.goal]
+        if value is None or change is None:
             return None, reduced, None
-        return add(at, change), reduced, turning if most > TINY * max(abs(at[0]), abs(at[1])) else None
+        return add(value, change), reduced, turning if most > TINY * max(abs(value[0]), abs(value[1])) else None
 
     def tight(self, box: Box, *, low: bool) -> Known:
         """Return the end of a value on a box as :meth:`on` does, halving what is not monotone where it is worst."""
@@ -136,10 +138,18 @@ class Quantity:
                 break
             pieces.remove(worst)
             start, end = reduced[turning]
-            middle = min(max(start / 2 + end / 2, start), end)
-            for half in ((start, middle), (middle, end)):
+            cut = self._turn(reduced, turning)
+            for half in ((start, cut), (cut, end)):
                 pieces.append(self._reduced([*reduced[:turning], half, *reduced[turning + 1 :]], "v", low))
         return hull(*(span for span, _, _ in pieces))
+
+    def _turn(self, box: list[Span], i: int) -> float:
+        """Return where the slope along a coordinate may change its sign: by the secant of its ends, else the middle."""
+        (start, end), node = box[i], (self._steep or {})[i]
+        ends = [self.graph.enclose(self._full, [*box[:i], (x, x), *box[i + 1 :]], {})[node] for x in (start, end)]
+        a, b = (0.0 if one is None else one[0] / 2 + one[1] / 2 for one in ends)
+        at = start + (end - start) * (a / (a - b)) if a * b < 0 else start / 2 + end / 2
+        return min(max(at, start), end)
 
     def _sloped(self) -> None:
         if self._steep is None:
@@ -224,17 +234,22 @@ def check(statement: object, proof: object, graph: Graph) -> tuple[str, list[Sho
         quantity = Quantity(graph, graph.outputs[of], along, wholes)
         what = f"{of[0]}[{of[1]},{of[2]}]"
         what = what if by is None else f"d {what} / d {by}"
-        if side == "continuous":
-            need(bound is None, "what is continuous has no bound")
+        need(isinstance(side, str), "a claim must say what it says")
+        kind, everywhere = side.removesuffix(" everywhere"), side.endswith(" everywhere")
+        need(
+            kind in SIDES or (kind == "continuous" and bound is None),
+            f"a bound must be {', '.join(SIDES)}, got {kind!r:.40}",
+        )
+        if everywhere:
+            alone = kind == "continuous" or graph.depends[quantity.goal] <= set(wholes)
+            need(alone and graph.everywhere(quantity.node, wholes), f"{what} is not seen to be {kind} everywhere")
+        if kind != "continuous":
+            walk(tree, box, partial(_keeps, quantity, kind, number(bound)))
+        elif not everywhere or by is not None:
             walk(tree, box, partial(_continuous, quantity))
-            said.append(f"{what} exists and is continuous")
-            found.append(None)
-            continue
-        need(side in SIDES, f"a bound must be {', '.join(SIDES)} or continuous, got {side!r:.40}")
-        edge = number(bound)
-        walk(tree, box, partial(_keeps, quantity, side, edge))
-        said.append(f"{what} is {side} {edge!r}")
-        found.append(Shown(of, by, side, edge))
+        of_all = ", for all numbers that are not whole" if everywhere else ""
+        said.append(f"{what} {'exists and is continuous' if bound is None else f'is {kind} {number(bound)!r}'}{of_all}")
+        found.append(None if bound is None else Shown(of, by, kind, number(bound)))
     return f"For all {', '.join(map(str, box))}: {'; '.join(said)}.", found
 
 

@@ -103,8 +103,10 @@ class Store:
             )
         if kind == "numbers":
             return Shown(*numbers.check(statement))
-        need(kind in ("loops", "sets"), f"a certificate must be of a known kind, got {kind!r:.40}")
-        return Shown((matrices.check_loops if kind == "loops" else matrices.check_sets)(statement, proof))
+        if kind == "definite":
+            return Shown(matrices.check_definite(statement))
+        need(kind == "sets", f"a certificate must be of a known kind, got {kind!r:.40}")
+        return Shown(matrices.check_sets(statement, proof))
 
 
 def answers(place: Path) -> list[Answer]:

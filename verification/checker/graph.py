@@ -21,6 +21,7 @@ GRAPH = "workbench.graph/1"
 Node = tuple[Any, ...]  # an operation's name, then its arguments; an input's place, a constant's number
 ARITY = {op: rule.__code__.co_argcount for op, rule in RULES.items() if op != "flat"}
 ARITY |= {"assign": 1, "inv": 1, "twice": 1, "constpow": 2, "tan": 1, "hypot": 2, "if_else_zero": 2}
+TOTAL = frozenset("const input add sub mul neg sq fabs fmin fmax sin cos atan tanh exp sinh cosh asinh erf".split())
 ZERO, ONE = ("const", 0.0), ("const", 1.0)
 Box = Sequence[Span]
 
@@ -224,6 +225,19 @@ class Graph:
             found.update(fresh)
             stack += fresh
         return sorted(found)
+
+    def everywhere(self, node: int, wholes: Iterable[int]) -> bool:
+        """Tell whether a node is seen to be defined and continuous for all real numbers, whole coordinates as given."""
+        for k in self.ancestors([node]):
+            op, *args = self.nodes[k]
+            last = self.nodes[args[-1]] if op in ("div", "pow") else ("const", 0.0)
+            divides = op == "div" and last[0] == "const" and last[1] != 0
+            raises = op == "pow" and last[0] == "const" and last[1] >= 0 and float(last[1]).is_integer()
+            steps = op in STEPS and self.depends[k] <= set(wholes)
+            chooses = op in ("sel", "gate") and self.depends[args[0]] <= set(wholes)
+            if not (op in TOTAL or divides or raises or steps or chooses):
+                return False
+        return True
 
     def plan(self, targets: Iterable[int]) -> Plan:
         """Return how nodes are enclosed, with all that they are made of."""

@@ -24,13 +24,11 @@ def check(statement: object, graph: Graph) -> tuple[str, dict[str, fmpq]]:
     says, pairs = record(statement, "says", "equal")
     given = [[_side(one, graph) for one in rows(pair, 2)] for pair in rows(pairs)]
     need(given, "there must be a pair")
-    sides = fractions(graph, [one for pair in given for _, one in pair])
-    facts = dict[str, fmpq]()
-    for place, ((left, _), (right, number)) in enumerate(given):
-        (a, b), (c, d) = sides[2 * place : 2 * place + 2]
-        need(a * d == c * b, f"the two sides of {left} = {right} differ")
-        if isinstance(number, fmpq):
-            facts[left] = number
+    apart = [(a, b) for (_, a), (_, b) in given if type(a) is not type(b) or a != b]  # one node is equal to itself
+    sides = fractions(graph, [one for pair in apart for one in pair])
+    for (a, b), (c, d) in zip(sides[::2], sides[1::2], strict=True):
+        need(a * d == c * b, f"the two sides of {text(says)!r} differ")
+    facts = {left: number for (left, _), (_, number) in given if isinstance(number, fmpq)}
     same = "; ".join(f"{left} = {right}" for (left, _), (right, _) in given)
     return f"{text(says)} ({same}, as fractions of polynomials, whatever the coordinates, where both exist.)", facts
 

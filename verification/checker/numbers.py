@@ -66,6 +66,7 @@ _SIZE = ["max", "slopes: high", ["-", "0", "slopes: low"]]
 _REACH = ["*", ["*", "law: rho", "law: unit"], _SIZE]
 _ALIKE = ("same_but_for_the_input", "no_noise", "no_actuator", "plan_alone", "no_filter", "relative_degree_1")
 _EFFECT = "slopes: d effect[0,0] / d u"
+_LIMIT = ("update_form", "every_sample_reached", "continuous_everywhere", "first_plan")
 THEOREMS: Mapping[str, Theorem] = {
     "effect": Theorem("The input reaches the effect.", ("slopes",), [[">", ["*", _EFFECT, _EFFECT], "0"]]),
     "contraction": Theorem(
@@ -87,6 +88,11 @@ THEOREMS: Mapping[str, Theorem] = {
         ("slopes", "law"),
         [[">", "law: lambda", ["/", ["*", _REACH, _REACH], "4"]]],
     ),
+    "estimate_form": Theorem(
+        "The estimate moves by its formula, and the plan by that estimate.",
+        ("form", "law"),
+        [["<=", "law: eta", "1"], [">", "law: eta", "0"], [">", "law: mu", "0"], [">", "law: eps", "0"]],
+    ),
     "increment_funnel": Theorem(
         "In every trial each signal stays in its band, whatever the trial lengths and whatever the law estimates.",
         ("sets", "relative_degree_1", "no_filter", "plan_alone", "update_form", "positive_gain", "starts_given"),
@@ -94,6 +100,24 @@ THEOREMS: Mapping[str, Theorem] = {
             ["=", "update_form: increment", "1"],
             [">=", "sets: l_max", "update_form: most"],
             [">=", "update_form: least", "0"],
+        ],
+    ),
+    "increment_limit": Theorem(
+        "With probability 1 u(k) goes to the input that gives the reference's increment, as trials go on, for every k.",
+        ("increment_funnel", *_ALIKE, *_LIMIT),
+        [
+            [">", "update_form: least", "0"],
+            ["<", ["*", "update_form: most", "increment_funnel: b_high"], "2"],
+        ],
+    ),
+    "theorem1.conclusion": Theorem(
+        "With probability 1 the error of every sample goes to 0 as trials go on.",
+        ("slopes", *_ALIKE, *_LIMIT, "positive_estimate", "estimate_form"),
+        [
+            ["=", "update_form: increment", "0"],
+            [">=", "update_form: least", "0"],
+            [">", "slopes: low", "0"],
+            ["<", ["*", "update_form: most", "slopes: high"], "2"],
         ],
     ),
     "increments": Theorem(
@@ -115,6 +139,7 @@ def check_theorem(statement: object, shown: Mapping[str, tuple[str, Facts]]) -> 
     theorem = THEOREMS[name]
     need(set(shown) == set(theorem.premises), f"{name} has the premises {', '.join(theorem.premises)}")
     facts = {f"{of}: {key}": number for of, (_, numbers) in shown.items() for key, number in numbers.items()}
+    own = {key.removeprefix("sets: "): number for key, number in facts.items() if key.startswith("sets: ")}
     said = related(theorem.relations, facts)
     rests = " ".join(f"({of}) {sentence}" for of, (sentence, _) in shown.items())
-    return f"{theorem.says} For {said}. It rests on: {rests}", facts
+    return f"{theorem.says} For {said}. It rests on: {rests}", own

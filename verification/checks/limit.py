@@ -107,15 +107,15 @@ def slope_everywhere(plant: Plant, horizon: int) -> Slope | str:
     wide, moved = over_the_reals(found, real)
     span, fault = evaluate(wide, *ends(points, points, real[:, None]), [node + moved])[node + moved]
     moving = [label for label in needed if label != "k"]
+    if fault is not None and (fault >= 0).any():
+        column = int(np.argmax(np.broadcast_to(fault, horizon) >= 0))
+        of = f" for some {' and '.join(moving)}" if moving else ""
+        return f"at sample {column} the slope of y(k+1) by u(k) has no value{of}"
     if moving and not (np.isfinite(span.lo) & np.isfinite(span.hi)).all():
         return (
             f"the slope of y(k+1) by u(k) depends on {' and '.join(moving)}, and no ends of it are known for all of "
             "them: a set that is shown to hold every trial would decide"
         )
-    if fault is not None and (fault >= 0).any():
-        column = int(np.argmax(np.broadcast_to(fault, horizon) >= 0))
-        of = f" for some {' and '.join(moving)}" if moving else ""
-        return f"at sample {column} the slope of y(k+1) by u(k) has no value{of}"
     return float(np.min(span.lo)), float(np.max(span.hi))
 
 

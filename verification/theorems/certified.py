@@ -6,14 +6,18 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from models.plant import Plant
 from verification.certificates.bounds import Ask, bounds, looser
+from verification.certificates.funnel import Asked, funnel
 from verification.certificates.numbers import Formula, numbers
 from verification.certificates.rows import rows
 from verification.certificates.theorem import theorem
 from verification.checks.delayed import delayed_box, delayed_step
 from verification.checks.increment import largest_gain
 from verification.enclosure.box import Box
+from verification.enclosure.recursion import step_of
 from workbench.contracts.certificate import Certificate
 from workbench.contracts.claim import NotCertified
 from workbench.contracts.finding import Finding
@@ -138,9 +142,62 @@ class Certified:
         """The input error falls, with the weight that was found."""
         return self._increments(found.bound or 1.0, premises)
 
+    def continuous(self, over: Box | None) -> Certificate:
+        """States and outputs are continuous, everywhere or over a box that holds every trial."""
+        graph = read(delayed_step(self.of.plant, 1, increment=self.of.law.learns_on == "increment"))
+        asks = [
+            Ask((result.name, entry.row, 0), None, "continuous everywhere")
+            for result in graph.outputs
+            for entry in result.entries
+        ]
+        try:
+            return bounds(graph, delayed_box(self.of.box, 1), units(self.of.plant), asks)
+        except NotCertified:
+            if over is None:
+                raise
+        asks = [one._replace(side="continuous") for one in asks]
+        return bounds(graph, delayed_box(over, 1), units(self.of.plant), asks)
+
+    def follows(self, found: Finding, premises: Premises) -> Certificate:
+        """An input follows the reference's increments, and stays in the box with its trajectory."""
+        wanted, box, plant = self.of.wanted, self.of.box, self.of.plant
+        graph = read(step_of(plant))
+        ends = [np.stack([one.ravel() for one in box[name]], axis=-1) for name in ("x", "u")]
+        n = wanted.u.size
+        return funnel(
+            graph,
+            Asked(
+                start=np.repeat(wanted.x[:, :1], 2, axis=1),
+                others={
+                    name: np.repeat(wanted.w[i, :n, None], 2, axis=1)
+                    for i, name in enumerate(next(port.labels for port in graph.inputs if port.name == "w"))
+                },
+                plan=wanted.u,
+                reference=self.of.study.reference_samples[0][: n + 1],
+                noise=0.0,
+                gain=0.0,
+                targets=np.repeat(wanted.u[:, None], 2, axis=1),
+                bands=np.concatenate([ends[0], ends[1][:1]]),
+            ),
+        )
+
+    def limit(self, found: Finding, premises: Premises) -> Certificate:
+        """Increments go to those of the reference."""
+        return theorem("increment_limit", **_named(premises))
+
+    def conclusion(self, found: Finding, premises: Premises) -> Certificate:
+        """Errors go to 0."""
+        low, high = ((found.witness or {}).get(name) for name in ("b_low", "b_high"))
+        if not (isinstance(low, float) and isinstance(high, float)):
+            raise NotCertified("the slopes that it was shown for are missing")
+        asks = [
+            Ask(("y", 0, 0), self._input, f"{side} everywhere", looser(bound, side))
+            for side, bound in (("at least", low), ("at most", high))
+        ]
+        return theorem("theorem1.conclusion", slopes=self._bounds(self._learned, *asks), **_named(premises))
+
     def _increments(self, weight: float, premises: Premises) -> Certificate:
-        named = {name.rsplit("premise.", 1)[-1]: one for name, one in premises.items()}
-        return theorem("increments", rows=self._rows(weight), law=self._law, **named)
+        return theorem("increments", rows=self._rows(weight), law=self._law, **_named(premises))
 
     @cached_property
     def _law(self) -> Certificate:
@@ -163,3 +220,8 @@ class Certified:
                 ("*", times, times),
             ),
         )
+
+
+def _named(premises: Premises) -> dict[str, Certificate]:
+    """Return premises by the last part of their claims' names."""
+    return {name.rsplit("premise.", 1)[-1].rsplit(".", 1)[-1]: one for name, one in premises.items()}

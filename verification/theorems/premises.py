@@ -251,4 +251,5 @@ class Premises:
             check=lambda: wanted.follows(of.wanted, of.box),
             controller=of.controller,
             role=Role.REPAIRED,
+            certify=of.certified.follows,
         )

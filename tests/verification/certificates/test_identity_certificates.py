@@ -143,6 +143,14 @@ def test_a_changed_statement_is_rejected(statement):
     rejected(changed(good, **statement))
 
 
+def test_no_number_is_taken_for_a_place_in_the_graph():
+    of = function(y=X**2 + 2 * U + ca.sin(K))
+    for value in range(-2, 12):
+        rejected(identity("So.", of, [(("y", 0, 0), Fraction(value))]), match="differ")
+        rejected(identity("So.", of, [(Fraction(value), ("y", 0, 0))]), match="differ")
+    assert sentence(identity("So.", of, [(("y", 0, 0), ("y", 0, 0))]))
+
+
 def test_another_graph_is_rejected_by_its_hash_or_by_what_it_gives():
     good = identity("So.", function(y=X**2 + 2 * U), [(SLOPE, Fraction(2))])
     other = graph_of(function(y=X**2 + 3 * U))
