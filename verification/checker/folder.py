@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from flint import fmpq
 
-from verification.checker import bounds, identities, learned, matrices, numbers, recursion
+from verification.checker import anywhere, bounds, identities, learned, matrices, numbers, recursion
 from verification.checker.graph import Graph
 from verification.checker.reading import (
     FORMAT,
@@ -75,18 +75,17 @@ class Store:
         need(form == FORMAT, f"the format must be {FORMAT!r}, got {form!r:.40}")
         need(hashed([kind, statement]) == name, "a certificate must have the hash by which it is named")
         need(isinstance(statement, dict) and isinstance(proof, dict), "a statement and a proof must be records")
-        if kind in ("bounds", "funnel", "identity", "learned"):
+        if kind in ("bounds", "funnel", "identity", "range", "learned"):
             graph, rest = text(statement["graph"]), {key: one for key, one in statement.items() if key != "graph"}
             of = f"Of the graph {graph[:16]}: "
             if kind == "funnel":
                 apart = [whole(one, 0, 10**7) for one in rows(proof["apart"])]
                 sentence, facts = recursion.check_funnel(rest, proof, self._graph(graph, apart))
                 return Shown(of + sentence, facts)
-            if kind == "learned":
-                sentence, facts = learned.check(rest, self._graph(graph))
+            rule = {"identity": identities.check, "range": anywhere.check, "learned": learned.check}.get(kind)
+            if rule is not None:
+                sentence, facts = rule(rest, self._graph(graph))
                 return Shown(of + sentence, facts)
-            if kind == "identity":
-                return Shown(of + identities.check(rest, self._graph(graph)))
             checked = self._graph(graph)
             sentence, found = bounds.check(rest, proof, checked)
             about = {(one.of, one.by) for one in found if one}

@@ -113,14 +113,9 @@ class Graph:
             self._places[node] = len(self.nodes)
             self.nodes.append(node)
             op, *args = node
-            of = (
-                {args[0]}
-                if op == "input"
-                else set()
-                if op == "const"
-                else set().union(*map(self.depends.__getitem__, args))
-            )
-            self.depends.append(frozenset(of))
+            parts = [self.depends[one] for one in args] if op not in ("input", "const") else []
+            of = max(parts, key=len, default=frozenset(args if op == "input" else ()))
+            self.depends.append(of if all(one is of or one <= of for one in parts) else of.union(*parts))
         return self._places[node]
 
     def join(self, op: str, *args: int) -> int:

@@ -65,8 +65,24 @@ class Theorem(NamedTuple):
 _SIZE = ["max", "slopes: high", ["-", "0", "slopes: low"]]
 _REACH = ["*", ["*", "law: rho", "law: unit"], _SIZE]
 _ALIKE = ("same_but_for_the_input", "no_noise", "no_actuator", "plan_alone", "no_filter", "relative_degree_1")
+_EFFECT = "slopes: d effect[0,0] / d u"
 _LIMIT = ("update_form", "every_sample_reached", "continuous_everywhere", "first_plan")
 THEOREMS: Mapping[str, Theorem] = {
+    "effect": Theorem("The input reaches the effect.", ("slopes",), [[">", ["*", _EFFECT, _EFFECT], "0"]]),
+    "contraction": Theorem(
+        "For every gain from low to high, 1 - gain b lies between -1 and 1, b the effect's slope along the input.",
+        ("slopes", "gain"),
+        [
+            [sign, ["*", _EFFECT, f"gain: {end}"], edge]
+            for end in ("low", "high")
+            for sign, edge in ((">", "0"), ("<", "2"))
+        ],
+    ),
+    "shrinking": Theorem(
+        "For every gain from low to high, 1 - gain lies between -1 and 1.",
+        ("identity", "gain"),
+        [[">", "gain: low", "0"], ["<", "gain: high", "2"]],
+    ),
     "lambda_min": Theorem(
         "Lambda exceeds (rho b)^2/4, b the largest slope.",
         ("slopes", "law"),
