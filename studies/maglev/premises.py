@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import cast
 
+from models.vehicle import Vehicle
 from studies.maglev.evidence import Evidence, Learner
-from verification.checks import settled
+from verification.checks import premises, settled
 from workbench.contracts.claim import Claim
 
 PAPER = "Zhang, Nan, Cao et al., PALC of a maglev train"
@@ -52,15 +53,20 @@ class Premises:
         )
 
     def _model(self, name: str) -> Claim:
-        def why() -> str | None:
-            known = cast(Learner, self.evidence.study.law(name)).model
-            return None if known == self.evidence.train else "the law's mass or running resistance is not the train's"
+        def known() -> Vehicle | None:
+            return cast(Learner, self.evidence.study.law(name)).model
 
+        def why() -> str | None:
+            same = known() == self.evidence.train
+            return None if same else "the law's mass or running resistance is not the train's"
+
+        of = "the train", "the law's model"
         return settled.settled(
             "maglev.premise.model",
             "The law knows the train's mass and running resistance.",
             f"{PAPER}, (12)",
             why,
-            facts=lambda: {"settings of the model that are not the train's": (int(why() is not None), "")},
+            facts=lambda: {**premises.entries(self.evidence.train, of[0]), **premises.entries(known(), of[1])},
+            holds=[("=", fact, fact.replace(*of)) for fact in premises.entries(self.evidence.train, of[0])],
             controller=name,
         )

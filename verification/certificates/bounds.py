@@ -17,10 +17,6 @@ from workbench.graph import Graph, to_json
 
 SPARE = 1e-6
 """Share by which a bound is certified wider than it was found: a bound at its best would need many pieces."""
-POINTS = 1000
-"""Points of a set at which graph and compiled Function are compared."""
-ROUNDED = 1e-9
-"""How far they may be apart, of the larger of 1 and the value: the order of operations may differ."""
 
 
 class Ask(NamedTuple):

@@ -16,9 +16,13 @@ FOLDER = "certificates"
 
 
 class Recheck:
-    """The checker, and the certificates that were handed to it."""
+    """The checker, and the certificates that were handed to it.
 
-    def __init__(self) -> None:
+    Where a certificate is ``demanded``, nothing is PROVED without one.
+    """
+
+    def __init__(self, *, demanded: bool = False) -> None:
+        self.demanded = demanded
         self._texts: dict[tuple[str, str], str] = {}
         self._store = Store(self._read)
 

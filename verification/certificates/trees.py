@@ -12,6 +12,8 @@ from workbench.contracts.certificate import Json
 
 MOST = 20_000
 """Pieces that a tree may be sought through."""
+KINK = 2.0**-12
+"""Share of a set below which a piece is not cut for a slope that does not exist: a kink stays in one piece."""
 METHODS = ("v", "m", "p")
 Leaf = Callable[[Box], str | None]
 """Returns the method by which what is claimed is shown on a piece, or None."""
@@ -73,7 +75,10 @@ def _cut(quantity: Quantity, box: Sequence[Coordinate], piece: Sequence[Span]) -
         share = (high - low) / (box[i].span[1] - box[i].span[0])
         span = values[node]
         weight = math.inf if span is None else max(-span[0], span[1], 0.0) * (high - low)
-        rank = share * 1e300 if math.isinf(weight) else weight + share * 1e-9
+        if math.isinf(weight):
+            rank = share * 1e300 if share > KINK else share * 1e-9
+        else:
+            rank = weight + share * 1e-9
         if rank > most:
             best, most = (i, middle, middle + 1 if box[i].whole else middle), rank
     return best

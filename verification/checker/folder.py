@@ -10,10 +10,11 @@ from typing import NamedTuple
 
 from flint import fmpq
 
-from verification.checker import bounds, identities, learned, matrices, numbers, recursion
+from verification.checker import anywhere, bounds, identities, learned, matrices, numbers, recursion
 from verification.checker.graph import Graph
 from verification.checker.reading import (
     FORMAT,
+    Json,
     Rejected,
     Unknown,
     Unusable,
@@ -34,6 +35,7 @@ class Shown(NamedTuple):
     facts: Mapping[str, fmpq] = {}
     bounds: Sequence[bounds.Shown | None] = ()
     graph: Graph | None = None
+    kind: str = ""
 
 
 class Answer(NamedTuple):
@@ -55,7 +57,7 @@ class Store:
         if name not in self._known:
             self._known[name] = Rejected("a certificate must not rest on itself")
             try:
-                self._known[name] = self._check(name)
+                self._known[name] = self._check(*self._opened(name))
             except Rejected as error:
                 self._known[name] = error
             except (
@@ -78,23 +80,28 @@ class Store:
         need(hashed(content) == name, "a graph must have the hash by which it is named")
         return Graph(content, apart)
 
-    def _check(self, name: str) -> Shown:
+    def _opened(self, name: str) -> tuple[str, Json, Json]:
         form, kind, statement, proof = record(self._read("proofs", name), "format", "kind", "statement", "proof")
         need(form == FORMAT, f"the format must be {FORMAT!r}, got {form!r:.40}")
         need(hashed([kind, statement]) == name, "a certificate must have the hash by which it is named")
         need(isinstance(statement, dict) and isinstance(proof, dict), "a statement and a proof must be records")
-        if kind in ("bounds", "funnel", "identity", "learned"):
+        return text(kind), statement, proof
+
+    def _check(self, kind: str, statement: Json, proof: Json) -> Shown:
+        return self._shown(kind, statement, proof)._replace(kind=statement["theorem"] if kind == "theorem" else kind)
+
+    def _shown(self, kind: str, statement: Json, proof: Json) -> Shown:
+        if kind in ("bounds", "funnel", "identity", "range", "learned"):
             graph, rest = text(statement["graph"]), {key: one for key, one in statement.items() if key != "graph"}
             of = f"Of the graph {graph[:16]}: "
             if kind == "funnel":
                 apart = [whole(one, 0, 10**7) for one in rows(proof["apart"])]
                 sentence, facts = recursion.check_funnel(rest, proof, self._graph(graph, apart))
                 return Shown(of + sentence, facts)
-            if kind == "learned":
-                sentence, facts = learned.check(rest, self._graph(graph))
+            rule = {"identity": identities.check, "range": anywhere.check, "learned": learned.check}.get(kind)
+            if rule is not None:
+                sentence, facts = rule(rest, self._graph(graph))
                 return Shown(of + sentence, facts)
-            if kind == "identity":
-                return Shown(of + identities.check(rest, self._graph(graph)))
             checked = self._graph(graph)
             sentence, found = bounds.check(rest, proof, checked)
             about = {(one.of, one.by) for one in found if one}
@@ -107,9 +114,8 @@ class Store:
             return Shown(f"{sentence} Its set and slopes: {slopes.sentence}", facts)
         if kind == "theorem":
             shown = {text(key): self.shown(text(one)) for key, one in statement["premises"].items()}
-            return Shown(
-                *numbers.check_theorem(statement, {key: (one.sentence, one.facts) for key, one in shown.items()})
-            )
+            premises = {key: (one.kind, one.sentence, one.facts) for key, one in shown.items()}
+            return Shown(*numbers.check_theorem(statement, premises))
         if kind == "numbers":
             return Shown(*numbers.check(statement))
         if kind == "definite":

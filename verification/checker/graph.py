@@ -10,15 +10,15 @@ not decide) has no slope; boxes are closed, so a switching point lies in one and
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from flint import fmpq
 
 from verification.checker.interval import INF, NONE, RULES, STEPS, Known, Rule, Span, hull, truth
-from verification.checker.reading import Unknown, exact, need, number, record, rows, text, whole
+from verification.checker.reading import Json, Unknown, exact, need, number, record, rows, text, whole
 
 GRAPH = "workbench.graph/1"
-Node = tuple[Any, ...]  # an operation's name, then its arguments; an input's place, a constant's number
+Node = tuple[Json, ...]  # an operation's name, then its arguments; an input's place, a constant's number
 ARITY = {op: rule.__code__.co_argcount for op, rule in RULES.items() if op != "flat"}
 ARITY |= {"assign": 1, "inv": 1, "twice": 1, "constpow": 2, "tan": 1, "hypot": 2, "if_else_zero": 2}
 TOTAL = frozenset("const input add sub mul neg sq fabs fmin fmax sin cos atan tanh exp sinh cosh asinh erf".split())
@@ -93,7 +93,7 @@ class Graph:
             for at, (_, _, node) in zip(places, entries, strict=True):
                 self.outputs[at] = known[whole(node, 0, len(known) - 1)]
 
-    def _read(self, row: list[Any], known: list[int]) -> int:
+    def _read(self, row: list[Json], known: list[int]) -> int:
         op, *args = row
         if op == "input":
             need(len(args) == 1, f"an input must have its place, got {row}")
@@ -117,19 +117,19 @@ class Graph:
             return self.put("sqrt", self.put("add", self.put("sq", a), self.put("sq", more[0])))
         return self.join({"constpow": "pow", "if_else_zero": "gate"}.get(op, op), a, *more)
 
-    def put(self, *node: Any) -> int:
+    def put(self, *node: Json) -> int:
         """Return the place of a node, made where there is none that is equal."""
         if node not in self._places:
             self._places[node] = len(self.nodes)
             self.nodes.append(node)
             op, *args = node
-            of = [self.depends[arg] for arg in args] if op not in ("input", "const") else []
-            most = max(of, key=len, default=frozenset(args[:1] if op == "input" else ()))
-            if any(not one <= most for one in of):
-                most = most.union(*of)
-                self._room -= len(most)
+            parts = [self.depends[one] for one in args] if op not in ("input", "const") else []
+            of = max(parts, key=len, default=frozenset(args if op == "input" else ()))
+            if not all(one is of or one <= of for one in parts):
+                of = of.union(*parts)
+                self._room -= len(of)
                 need(self._room > 0, "too many nodes depend on too many coordinates")
-            self.depends.append(most)
+            self.depends.append(of)
         return self._places[node]
 
     def join(self, op: str, *args: int) -> int:

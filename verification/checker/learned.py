@@ -189,21 +189,21 @@ def check(statement: object, graph: Graph) -> tuple[str, dict[str, fmpq]]:
             others.setdefault(column, []).append(node)
     need(max(others, default=0) < n, "the memory must be of a sample, or be kept as it is")
     for k in range(n):
-        column = Column(graph, k, kept, others.get(k, []), increment=increment, varying=varying)
-        content = column.content()
+        one = Column(graph, k, kept, others.get(k, []), increment=increment, varying=varying)
+        content = one.content()
         if content in seen:
             continue
         seen.add(content)
         for reached in (True, False) if varying else (True,):
-            need(None not in column.spans(column.targets, reached=reached), f"what is missing enters sample {k}")
-            _moves(column, low, high, reached=reached)
+            need(None not in one.spans(one.targets, reached=reached), f"what is missing enters sample {k}")
+            _moves(one, low, high, reached=reached)
     facts = {"increment": fmpq(int(increment)), "least": low, "most": high}
     said = f"times the {'increment of the ' if increment else ''}error at k + 1, whatever the memory"
     said += "".join(f" (of which {port} begins with 0)" for port, what in kept.items() if what == "reached")
-    what = "and is kept after one that did not" if varying else "as all do"
+    gain = f"[{_plainly(low)}, {_plainly(high)}] {said}"
+    what = f"{'and is kept after one that did not' if varying else 'as all do'}, for all numbers up to {LARGE:g}."
     return (
-        f"The plan of each of {n} samples k moves by a gain in [{_plainly(low)}, {_plainly(high)}] {said}, after a trial "
-        f"that reached k + 1, {what}, for all numbers up to {LARGE:g}.",
+        f"The plan of each of {n} samples k moves by a gain in {gain}, after a trial that reached k + 1, {what}",
         facts,
     )
 

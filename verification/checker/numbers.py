@@ -56,31 +56,53 @@ def check(statement: object) -> tuple[str, Facts]:
 
 
 class Theorem(NamedTuple):
-    """What a theorem says, the names of its premises, and relations between numbers that are shown of them."""
+    """What a theorem says, the kinds of its premises by name, and relations between numbers that are shown of them."""
 
     says: str
-    premises: tuple[str, ...]
+    premises: Mapping[str, str]
     relations: list[object]
+
+
+def _of(kinds: str) -> Mapping[str, str]:
+    """Return the kinds of premises by name, written ``name: kind``; what has none is a statement about numbers."""
+    pairs = [one.split(":") for one in kinds.split()]
+    return {name: kind[0] if kind else "numbers" for name, *kind in pairs}
 
 
 _SIZE = ["max", "slopes: high", ["-", "0", "slopes: low"]]
 _REACH = ["*", ["*", "law: rho", "law: unit"], _SIZE]
-_ALIKE = ("same_but_for_the_input", "no_noise", "no_actuator", "plan_alone", "no_filter", "relative_degree_1")
-_LIMIT = ("update_form", "every_sample_reached", "continuous_everywhere", "first_plan")
+_ALIKE = "same_but_for_the_input no_noise no_actuator plan_alone no_filter relative_degree_1"
+_EFFECT = "slopes: d effect[0,0] / d u"
+_LIMIT = "update_form:learned every_sample_reached continuous_everywhere:bounds first_plan"
 THEOREMS: Mapping[str, Theorem] = {
+    "effect": Theorem("The input reaches the effect.", _of("slopes:identity"), [[">", ["*", _EFFECT, _EFFECT], "0"]]),
+    "contraction": Theorem(
+        "For every gain from low to high, 1 - gain b lies between -1 and 1, b the effect's slope along the input.",
+        _of("slopes:identity gain:range"),
+        [
+            [sign, ["*", _EFFECT, f"gain: {end}"], edge]
+            for end in ("low", "high")
+            for sign, edge in ((">", "0"), ("<", "2"))
+        ],
+    ),
+    "shrinking": Theorem(
+        "For every gain from low to high, 1 - gain lies between -1 and 1.",
+        _of("identity:identity gain:range"),
+        [[">", "gain: low", "0"], ["<", "gain: high", "2"]],
+    ),
     "lambda_min": Theorem(
         "Lambda exceeds (rho b)^2/4, b the largest slope.",
-        ("slopes", "law"),
+        _of("slopes:bounds law"),
         [[">", "law: lambda", ["/", ["*", _REACH, _REACH], "4"]]],
     ),
     "estimate_form": Theorem(
         "The estimate moves by its formula, and the plan by that estimate.",
-        ("form", "law"),
+        _of("form:identity law"),
         [["<=", "law: eta", "1"], [">", "law: eta", "0"], [">", "law: mu", "0"], [">", "law: eps", "0"]],
     ),
     "increment_funnel": Theorem(
         "In every trial each signal stays in its band, whatever the trial lengths and whatever the law estimates.",
-        ("sets", "relative_degree_1", "no_filter", "plan_alone", "update_form", "positive_gain", "starts_given"),
+        _of("sets:funnel relative_degree_1 no_filter plan_alone update_form:learned positive_gain starts_given"),
         [
             ["=", "update_form: increment", "1"],
             [">=", "sets: l_max", "update_form: most"],
@@ -89,7 +111,7 @@ THEOREMS: Mapping[str, Theorem] = {
     ),
     "increment_limit": Theorem(
         "With probability 1 u(k) goes to the input that gives the reference's increment, as trials go on, for every k.",
-        ("increment_funnel", *_ALIKE, *_LIMIT),
+        _of(f"increment_funnel:increment_funnel {_ALIKE} {_LIMIT}"),
         [
             [">", "update_form: least", "0"],
             ["<", ["*", "update_form: most", "increment_funnel: b_high"], "2"],
@@ -97,7 +119,7 @@ THEOREMS: Mapping[str, Theorem] = {
     ),
     "theorem1.conclusion": Theorem(
         "With probability 1 the error of every sample goes to 0 as trials go on.",
-        ("slopes", *_ALIKE, *_LIMIT, "positive_estimate", "estimate_form"),
+        _of(f"slopes:bounds {_ALIKE} {_LIMIT} positive_estimate estimate_form:estimate_form"),
         [
             ["=", "update_form: increment", "0"],
             [">=", "update_form: least", "0"],
@@ -107,7 +129,7 @@ THEOREMS: Mapping[str, Theorem] = {
     ),
     "increments": Theorem(
         "For every positive estimate max |u* - u| weight^k falls from trial to trial.",
-        ("rows", "law", *_ALIKE, "positive_estimate", "scope_holds_disturbances", "follows"),
+        _of(f"rows:rows law {_ALIKE} positive_estimate scope_holds_disturbances follows:funnel"),
         [
             ["<", "rows: r", "rows: low"],
             ["<", ["*", "law: l_max", ["+", "rows: high", "rows: r"]], "2"],
@@ -116,15 +138,16 @@ THEOREMS: Mapping[str, Theorem] = {
 }
 
 
-def check_theorem(statement: object, shown: Mapping[str, tuple[str, Facts]]) -> tuple[str, Facts]:
+def check_theorem(statement: object, shown: Mapping[str, tuple[str, str, Facts]]) -> tuple[str, Facts]:
     """Check that a theorem has its premises, each accepted, and that its relations hold between their numbers."""
     name, _ = record(statement, "theorem", "premises")
     if name not in THEOREMS:
         raise Rejected(f"a theorem must be one of {', '.join(THEOREMS)}, got {name!r:.40}")
     theorem = THEOREMS[name]
-    need(set(shown) == set(theorem.premises), f"{name} has the premises {', '.join(theorem.premises)}")
-    facts = {f"{of}: {key}": number for of, (_, numbers) in shown.items() for key, number in numbers.items()}
+    found = {of: kind for of, (kind, _, _) in shown.items()}
+    need(found == theorem.premises, f"{name} has the premises {theorem.premises}, got {found}"[:400])
+    facts = {f"{of}: {key}": number for of, (_, _, numbers) in shown.items() for key, number in numbers.items()}
     own = {key.removeprefix("sets: "): number for key, number in facts.items() if key.startswith("sets: ")}
     said = related(theorem.relations, facts)
-    rests = " ".join(f"({of}) {sentence}" for of, (sentence, _) in shown.items())
+    rests = " ".join(f"({of}) {sentence}" for of, (_, sentence, _) in shown.items())
     return f"{theorem.says} For {said}. It rests on: {rests}", own

@@ -7,10 +7,12 @@ import json
 import math
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from flint import fmpq
 
+Json: TypeAlias = Any
+"""What a file held: whoever takes it looks at what it is."""
 FORMAT = "workbench-certificate 1"
 LARGEST = 32 * 2**20
 """Bytes of a file that is read."""
@@ -69,14 +71,14 @@ def text(value: object) -> str:
     return value
 
 
-def rows(value: object, count: int | None = None) -> list[Any]:
+def rows(value: object, count: int | None = None) -> list[Json]:
     """Return a list, of so many entries where that is known."""
     if not isinstance(value, list) or count not in (None, len(value)):
         raise Rejected(f"a list{'' if count is None else f' of {count}'} must stand here, got {value!r:.40}")
     return value
 
 
-def record(value: object, *names: str) -> list[Any]:
+def record(value: object, *names: str) -> list[Json]:
     """Return the entries of a record that has just these names, in this order."""
     if not isinstance(value, dict) or set(value) != set(names):
         raise Rejected(f"a record of {', '.join(names)} must stand here, got {value!r:.60}")

@@ -11,6 +11,7 @@ import numpy as np
 from models.actuator import Actuator
 from models.expression import as_expression
 from models.plant import Plant
+from models.quantity import is_declared, walked
 from verification.certificates.numbers import Facts
 from workbench.contracts.law import AnyLaw
 from workbench.contracts.study import Study
@@ -60,6 +61,26 @@ def moving(study: Study) -> list[str]:
     return [name for name, one in study.scenario.truth.items() if not one.repeats]
 
 
+def factors(study: Study) -> Facts:
+    """Return the least and the largest of every quantity in which the true plant may differ, by the declared one."""
+    return {
+        f"{end} true {name}": (factor, f"of the declared {name}")
+        for name, one in study.scenario.truth.items()
+        for end, factor in zip(("least", "largest"), one.range, strict=True)
+    }
+
+
+def entries(thing: object, whose: str) -> Facts:
+    """Return the numbers that a declared thing is made of, tables entry by entry, as facts that name whose they are."""
+    found: dict[str, tuple[float, str]] = {}
+    for path, spec, value in walked(thing, lambda _, inner: is_declared(inner)):
+        rows = value if isinstance(value, tuple) else (value,)
+        for place, one in enumerate(rows):
+            if isinstance(one, (int, float)):
+                found[f"{path}{f'[{place}]' if isinstance(value, tuple) else ''} of {whose}"] = (one, spec.unit)
+    return found
+
+
 def same_plant(study: Study) -> str | None:
     """Return which quantities of the plant change from trial to trial, so that there is no one plant to speak of."""
     moving = [
@@ -98,9 +119,12 @@ def nothing_between(study: Study) -> str | None:
 
 def between(study: Study) -> Facts:
     """Return what the settings say of an actuator: each is 0 where none lies between plan and plant."""
+    one = study.actuator
     return {
         "states that an actuator adds": (len(study.plant_that_runs.states) - len(study.plant.states), ""),
-        "an actuator is declared": (int(study.actuator != Actuator()), ""),
+        "lag of the actuator": (one.lag, "s"),
+        "dead time of the actuator": (one.delay, "s"),
+        "limits of the actuator": (sum(limit is not None for limit in (one.lower, one.upper, one.rate)), ""),
     }
 
 

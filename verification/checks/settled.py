@@ -115,7 +115,14 @@ def same_plant(study: Study, source: str) -> Claim:
         "The plant is the same in every trial.",
         source,
         partial(premises.same_plant, study),
-        facts=lambda: {"quantities of the plant that change between trials": (len(premises.moving(study)), "")},
+        facts=lambda: {
+            "quantities of the plant that change between trials": (len(premises.moving(study)), ""),
+            **premises.factors(study),
+        },
+        holds=[
+            ("=", "quantities of the plant that change between trials", 0),
+            *(("=", f"least true {name}", f"largest true {name}") for name in study.scenario.truth),
+        ],
     )
 
 

@@ -54,8 +54,8 @@ class _Judged:
 class Judge:
     """Judges claims of one case of a study, each once however many claims have it as a premise.
 
-    With ``recheck`` what was proved is PROVED only where the checker accepts a certificate of it, and at most
-    SUPPORTED else. Without, the methods are taken at their word.
+    With ``recheck`` the checker is asked for what was proved, and the verdict says whether it accepted a certificate.
+    Where that is ``demanded``, what it does not accept is SUPPORTED at most.
     """
 
     def __init__(
@@ -154,6 +154,8 @@ class Judge:
         except Exception as error:
             log.warning("a certificate could not be made: %s", error, exc_info=error)
             why = f"the program met {type(error).__name__}, see its log"
+        if not self.recheck.demanded:
+            return replace(judged, unchecked=why)
         return replace(
             judged,
             standing=Standing.SUPPORTED,

@@ -11,6 +11,7 @@ import numpy as np
 from models.plant import Plant
 from verification.certificates.bounds import Ask, bounds, looser
 from verification.certificates.funnel import Asked, funnel
+from verification.certificates.link import linked
 from verification.certificates.numbers import Formula, numbers
 from verification.certificates.rows import rows
 from verification.certificates.theorem import theorem
@@ -47,14 +48,19 @@ class Certified:
     def _degree(self) -> int:
         return self.of.study.relative_degree or 1
 
+    def _graph(self, increment: bool) -> Graph:
+        function = delayed_step(self.of.plant, self._degree, increment=increment)
+        graph = read(function)
+        linked(function, graph, self._box)
+        return graph
+
     @cached_property
     def _output(self) -> Graph:
-        return read(delayed_step(self.of.plant, self._degree))
+        return self._graph(increment=False)
 
     @cached_property
     def _learned(self) -> Graph:
-        increment = self.of.law.learns_on == "increment"
-        return read(delayed_step(self.of.plant, self._degree, increment=True)) if increment else self._output
+        return self._graph(increment=True) if self.of.law.learns_on == "increment" else self._output
 
     @cached_property
     def _box(self) -> Box:
