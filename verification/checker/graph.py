@@ -125,11 +125,9 @@ class Graph:
             op, *args = node
             parts = [self.depends[one] for one in args] if op not in ("input", "const") else []
             of = max(parts, key=len, default=frozenset(args if op == "input" else ()))
-            if not all(one is of or one <= of for one in parts):
-                of = of.union(*parts)
-                self._room -= len(of)
-                need(self._room > 0, "too many nodes depend on too many coordinates")
-            self.depends.append(of)
+            self.depends.append(of if all(one is of or one <= of for one in parts) else of.union(*parts))
+            self._room -= len(of) if self.depends[-1] is not of else 0
+            need(self._room > 0, "too many nodes depend on too many coordinates")
         return self._places[node]
 
     def join(self, op: str, *args: int) -> int:
