@@ -6,7 +6,6 @@ import math
 from fractions import Fraction
 
 import pytest
-
 from forging import Drawn, Forged, accepted, bounds, claim, coordinate, h, hashed, numbers, values
 
 X = {"x": ["x"]}
@@ -110,10 +109,10 @@ def test_a_slope_that_fails_between_two_points_is_not_accepted(made, ends, said,
 @pytest.mark.parametrize("side", ["continuous", "continuous everywhere"])
 @pytest.mark.parametrize("tree", EVERY)
 def test_what_jumps_or_is_not_there_is_not_continuous(made, side, tree):
-    graph, near = made().content, [1e-12, 1.0, -1.0]
-    jumps = [values(graph, [a + 1e-12])["y", 0, 0] - values(graph, [a - 1e-12])["y", 0, 0] for a in near + [0.0]]
+    graph, off = made().content, 1e-12
+    near = [[values(graph, [at + way * off])["y", 0, 0] for way in (-1, 1)] for at in (-1.0, 0.0, 1.0)]
     gone = values(graph, [0.0])["y", 0, 0] is None
-    assert gone or max(map(abs, jumps)) > 0.5
+    assert gone or max(abs(after - before) for before, after in near) > 0.5
     assert not accepted(bounds(graph, [coordinate("x", -2, 2)], [claim(side, None)], tree))
 
 
@@ -208,9 +207,9 @@ def test_a_slope_at_the_end_of_a_domain_is_not_there():
     for low in (0.0, -1.0):
         for tree in EVERY:
             assert not accepted(bounds(graph, [coordinate("x", low, 1)], [claim("at least", 0.0, "x")], tree))
-    assert accepted(bounds(graph, [coordinate("x", 0.25, 1)], [claim("at least", 0.5, "x")], [["m"]])) is False
-    assert accepted(bounds(graph, [coordinate("x", 0.25, 1)], [claim("at least", math.nextafter(0.5, 0) - 1e-9, "x")],
-                           [["m"]]))  # fmt: skip
+    inside = [coordinate("x", 0.25, 1)]
+    assert accepted(bounds(graph, inside, [claim("at least", 0.5 - 1e-9, "x")], [["m"]]))
+    assert not accepted(bounds(graph, inside, [claim("at least", math.nextafter(0.5, 1), "x")], [["m"]]))
 
 
 TWICE = [
