@@ -161,6 +161,7 @@ class Graph:
 
     def slope(self, node: int, along: int) -> int:
         """Return the node of the slope of a node along a coordinate."""
+        need(len(self._slopes) + node <= 4 * MOST, "too many slopes are asked for")
         for k in range(node + 1):  # in order, so that nothing recurs
             if (k, along) not in self._slopes:
                 self._slopes[k, along] = self._slope(k, along) if along in self.depends[k] else self.put(*ZERO)
