@@ -106,7 +106,7 @@ class Store:
             sentence, found = bounds.check(rest, proof, checked)
             facts = bounds.ends(found, ("y", 0, 0), (*checked.ports.get("u", ()), "")[0])
             everywhere = all(one["is"].endswith(" everywhere") for one in statement["claims"])
-            facts |= {"continuous": fmpq(not any(found)), "everywhere": fmpq(everywhere)}
+            facts |= {"continuous": fmpq(not any(found)), "everywhere": fmpq(everywhere), "graph": fmpq(int(graph, 16))}
             return Shown(of + sentence, facts, found, checked)
         if kind == "rows":
             slopes = self.shown(text(statement["bounds"]))

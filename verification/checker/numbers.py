@@ -127,6 +127,8 @@ THEOREMS: Mapping[str, Theorem] = {
         "With probability 1 u(k) goes to the input that gives the reference's increment, as trials go on, for every k.",
         _of(f"increment_funnel:increment_funnel {_ALIKE} {_LIMIT}"),
         [
+            ["=", "update_form: increment", "1"],
+            [">=", "increment_funnel: l_max", "update_form: most"],
             [">", "update_form: least", "0"],
             ["=", "continuous_everywhere: continuous", "1"],
             ["<", ["*", "update_form: most", "increment_funnel: b_high"], "2"],
@@ -139,6 +141,7 @@ THEOREMS: Mapping[str, Theorem] = {
             ["=", "update_form: increment", "0"],
             [">=", "update_form: least", "0"],
             ["=", "slopes: everywhere", "1"],
+            ["=", "slopes: graph", "continuous_everywhere: graph"],
             ["=", "continuous_everywhere: continuous", "1"],
             [">", "slopes: low", "0"],
             ["<", ["*", "update_form: most", "slopes: high"], "2"],
