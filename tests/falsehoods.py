@@ -141,8 +141,8 @@ def curves(rng: np.random.Generator) -> Iterator[tuple[dict, list[dict], str | N
     yield drawn(("floor", 0)), [coordinate("x", 0.5, 3)], None, Fraction(3), "high"
     yield drawn(("ceil", 0)), [coordinate("x", 0, 2.5)], None, Fraction(0), "low"
     yield drawn(("const", h(0)), ("lt", 1, 0), ("if_else_zero", 2, 0)), wide, None, Fraction(2 + a), "high"
-    yield drawn(("const", h(0)), ("lt", 0, 1), ("not", 2), ("const", h(5)), ("if_else_zero", 2, 0), ("if_else_zero", 3, 4),
-                ("add", 5, 6)), wide, None, Fraction(5), "high"  # fmt: skip
+    yield drawn(("const", h(0)), ("lt", 0, 1), ("not", 2), ("const", h(5)), ("if_else_zero", 2, 0),
+                ("if_else_zero", 3, 4), ("add", 5, 6)), wide, None, Fraction(5), "high"  # fmt: skip
     k = int(rng.integers(1, 9))
     off = (("const", h(k)), ("const", h(k + 1)), ("sub", 0, 1), ("sub", 0, 2), ("mul", 3, 4))
     yield drawn(*off, labels=("k",)), [coordinate("k", 0, 12, True)], None, Fraction(0), "low"
