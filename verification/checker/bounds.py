@@ -124,9 +124,11 @@ class Quantity:
                     turning, most = i, -by[0] if low else by[1]
         kept: dict[int, int | None] = {k: branch for k, branch in taken.items() if branch is not None}
         value = self.graph.enclose(self._again, moved, kept)[self.goal]
-        if value is None or change is None:
-            return None, reduced, None
-        return add(value, change), reduced, turning if most > TINY * max(abs(value[0]), abs(value[1])) else None
+        plain, found = values[self.goal], None if value is None or change is None else add(value, change)
+        if value is None or found is None or plain is None:
+            return plain, reduced, None
+        ends = max(found[0], plain[0]), min(found[1], plain[1])
+        return ends, reduced, turning if most > TINY * max(abs(value[0]), abs(value[1])) else None
 
     def tight(self, box: Box, *, low: bool) -> Known:
         """Return the end of a value on a box as :meth:`on` does, halving what is not monotone where it is worst."""
