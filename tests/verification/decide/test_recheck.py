@@ -1,4 +1,4 @@
-"""What verify wrote is re-checked from its folder alone; what was changed in it is not accepted, nor what is no folder."""
+"""What verify wrote is re-checked from its folder alone; what was changed in it is told, and what is no such folder."""
 
 from __future__ import annotations
 
