@@ -16,11 +16,13 @@ import pytest
 from small_plants import small
 from small_studies import gathered, in_plant_units
 
-from verification.certificates.bounds import Ask, bounds
+from verification.certificates.bounds import Ask, bounds, plain
 from verification.certificates.funnel import Asked, funnel
 from verification.certificates.link import linked
 from verification.certificates.recheck import Recheck
 from verification.certificates.rows import rows
+from verification.checker.bounds import Quantity
+from verification.checker.graph import Graph as Checked
 from verification.checks.delayed import delayed_step
 from verification.decide.judge import Judge
 from verification.enclosure.box import Box
@@ -211,3 +213,13 @@ def test_certificates_are_plain_data():
     made = bounds(read(delayed_step(DRAG, 1)), boxed(), {"x0": "m"}, [Ask(("y", 0, 0), None, "continuous")])
     assert json.loads(json.dumps(made.as_json())) == json.loads(json.dumps(dict(made.as_json())))
     assert "x0 in [-1.0, 1.0] m" in Recheck().sentence(made)
+
+
+def test_what_is_decided_on_a_box_is_decided_on_its_parts():
+    """At u = 0 both arguments of the lesser are equal, but on u >= 0 it is the second: the slope is 1 + x^2 once."""
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    f = ca.Function("f", [x, u], [(ca.fmin(u, 0) + u) * (1 + x**2)], ["x", "u"], ["f"])
+    graph = Checked(plain(read(f)))
+    slope = Quantity(graph, graph.outputs["f", 0, 0], 1)
+    low, high = (slope.tight([(-1.0, 2.0), (0.0, 1.0)], low=side) for side in (True, False))
+    assert low is not None and high is not None and low[0] <= 1 <= high[1]
