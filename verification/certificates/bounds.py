@@ -51,6 +51,8 @@ def bounds(graph: Graph, box: Box, units: Mapping[str, str], asks: Sequence[Ask]
             wholes = [i for i, one in enumerate(coordinates) if one.whole]
             quantity = Quantity(checked, checked.outputs[ask.of], along, wholes)
             kind = ask.side.removesuffix(" everywhere")
+            if kind != ask.side and not checked.everywhere(quantity.node, wholes):
+                raise NotCertified(f"{ask.of} is not seen to be {kind} everywhere")
             leaf = continuous(quantity) if ask.bound is None else bounded(quantity, kind, ask.bound)
             found: list[Json] | None = []
             if ask.side != "continuous everywhere" or ask.by is not None:

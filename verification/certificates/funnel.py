@@ -156,19 +156,18 @@ def _around(sets: Sets, k: int, t: Span, steepest: float) -> Span:
 def _apart(graph: Graph) -> list[int]:
     """Return the nodes that stand for all that an output takes of a coordinate, where they are no coordinate.
 
-    What depends on the input is not among them: slopes along the input are asked for.
+    The input is left as it is, for slopes are asked along it, and so is the sample, which is one number.
     """
+    ports = [port.name for port in graph.inputs for _ in port.places]
     on: list[frozenset[int]] = []
     for node in graph.nodes:
         own = frozenset({node.which}) if node.op == INPUT else frozenset[int]()
         on.append(own.union(*(on[arg] for arg in node.args)))
     found: dict[int, None] = {}
-    labels = [label for port in graph.inputs if port.name == "u" for label in port.labels]
-    inputs = {i for i, label in enumerate(graph.labels()) if label in labels}
     for result in graph.outputs:
         for entry in result.entries:
             needed = graph.ancestors((entry.node,))
-            for i in on[entry.node] - inputs:
+            for i in (i for i in on[entry.node] if ports[i] not in ("u", "k")):
                 taken = {arg for k in needed for arg in graph.nodes[k].args if on[arg] == {i} and on[k] != {i}}
                 if len(taken) == 1 and graph.nodes[min(taken)].op not in (INPUT, CONSTANT):
                     found[min(taken)] = None

@@ -61,6 +61,8 @@ def tree(quantity: Quantity, box: Sequence[Coordinate], leaf: Leaf, most: int = 
 
 def _cut(quantity: Quantity, box: Sequence[Coordinate], piece: Sequence[Span]) -> tuple[int, float, float] | None:
     """Return along which coordinate to cut a piece, where its lower part ends and where the upper one begins."""
+    if (kink := _kink(quantity, box, piece)) is not None:
+        return kink
     best, most = None, -1.0
     graph, goal = quantity.graph, quantity.goal
     steep = {i: graph.slope(goal, i) for i in sorted(graph.depends[goal] | graph.depends[quantity.node])}
@@ -82,3 +84,37 @@ def _cut(quantity: Quantity, box: Sequence[Coordinate], piece: Sequence[Span]) -
         if rank > most:
             best, most = (i, middle, middle + 1 if box[i].whole else middle), rank
     return best
+
+
+def _kink(quantity: Quantity, box: Sequence[Coordinate], piece: Sequence[Span]) -> tuple[int, float, float] | None:
+    """Return where to cut a piece at the very place of a kink in it, where that is one number of one coordinate.
+
+    Where two arguments meet is sought by the secant of their ends: of a kink that is a line's it is exact.
+    """
+    graph = quantity.graph
+    plan = graph.plan([quantity.goal])
+    values = graph.enclose(plan, piece, {})
+    for _, _, op, first, _, args in plan.steps:
+        if not op.startswith("pick"):
+            continue
+        second = args[1]
+        along = graph.depends[first] | graph.depends[second]
+        if len(along) != 1:
+            continue
+        (i,) = along
+        a, b, (low, high) = values[first], values[second], piece[i]
+        if box[i].whole or a is None or b is None or a[0] >= b[1] or b[0] >= a[1]:
+            continue
+        ends = [graph.enclose(plan, [*piece[:i], (x, x), *piece[i + 1 :]], {}) for x in (low, high)]
+        apart = [_middle(one[first]) - _middle(one[second]) for one in ends]
+        if apart[0] * apart[1] < 0:
+            at = low + (high - low) * (apart[0] / (apart[0] - apart[1]))
+            for near in (at, math.nextafter(at, -math.inf), math.nextafter(at, math.inf), round(at, 12)):
+                there = graph.enclose(plan, [*piece[:i], (near, near), *piece[i + 1 :]], {})
+                if there[first] == there[second] and low < near < high:
+                    return i, near, near
+    return None
+
+
+def _middle(span: Span | None) -> float:
+    return 0.0 if span is None else span[0] / 2 + span[1] / 2

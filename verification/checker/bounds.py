@@ -24,7 +24,6 @@ LONGEST = 200_000
 """Cuts and pieces of a tree."""
 HALVED = 12
 """How often a box is halved at most."""
-Taken = dict[int, int | None]
 SIDES = {"above": (True, True), "at least": (True, False), "below": (False, True), "at most": (False, False)}
 
 
@@ -76,6 +75,21 @@ def read_set(given: object, graph: Graph) -> list[Coordinate]:
     return found
 
 
+Decided = dict[int, int | None]
+"""Which branches of choices are taken on all of a box, by node."""
+
+
+class Piece(NamedTuple):
+    """What is known of a quantity on a box."""
+
+    ends: Known
+    box: list[Span]
+    """The box, with coordinates in which the quantity is monotone moved to their worse ends."""
+    decided: Decided
+    turning: int | None
+    """Of the others that over which the mean value form loses most; None: next to nothing is lost."""
+
+
 class Quantity:
     """A value or a slope of a graph, and what is asked of it."""
 
@@ -94,20 +108,17 @@ class Quantity:
         if method == "p":
             values = self.graph.enclose(self._plain, box, taken)
             return None if values[self.node] is None else values[self.goal]
-        return self._reduced(box, method, low, {})[0]
+        return self._reduced(box, {}, method, low).ends
 
-    def _reduced(self, box: Box, method: str, low: bool, decided: Taken) -> tuple[Known, list[Span], int | None, Taken]:
-        """Return the end on a box, the box with coordinates moved to their worse ends, and which one is not monotone.
-
-        Of several that is the one over which the mean value form loses most; None where that is next to nothing. Last
-        comes which branches are ``decided``, some of them already where the box is part of another.
-        """
+    def _reduced(self, box: Box, decided: Decided, method: str, low: bool) -> Piece:
+        """Look at a box, which is part of one on which some choices are decided."""
         self._sloped()
         taken = dict(decided)
         values = self.graph.enclose(self._full, box, taken)
         reduced, moved = list(box), list(box)
+        kept: Decided = {k: branch for k, branch in taken.items() if branch is not None}
         if values[self.node] is None or values[self.goal] is None:
-            return None, reduced, None, decided
+            return Piece(None, reduced, kept, None)
         change: Known = (0.0, 0.0)
         turning, most = None, 0.0
         for i, node in (self._steep or {}).items():
@@ -127,27 +138,27 @@ class Quantity:
                 change = None if change is None or by is None else add(change, by)
                 if by is not None and max(-by[0] if low else by[1], 0.0) > most:
                     turning, most = i, -by[0] if low else by[1]
-        kept: Taken = {k: branch for k, branch in taken.items() if branch is not None}
-        value = self.graph.enclose(self._again, moved, kept)[self.goal]
-        if value is None or change is None:
-            return None, reduced, None, decided
-        large = most > TINY * max(abs(value[0]), abs(value[1]))
-        return add(value, change), reduced, turning if large else None, kept
+        value = self.graph.enclose(self._again, moved, dict(kept))[self.goal]
+        plain, found = values[self.goal], None if value is None or change is None else add(value, change)
+        if value is None or found is None or plain is None:
+            return Piece(plain, reduced, kept, None)
+        ends = max(found[0], plain[0]), min(found[1], plain[1])
+        return Piece(ends, reduced, kept, turning if most > TINY * max(abs(value[0]), abs(value[1])) else None)
 
     def tight(self, box: Box, *, low: bool) -> Known:
         """Return the end of a value on a box as :meth:`on` does, halving what is not monotone where it is worst."""
-        pieces = [self._reduced(box, "v", low, {})]
+        pieces = [self._reduced(box, {}, "v", low)]
         for _ in range(HALVED):
-            worst = min(pieces, key=lambda one: _end(one[0], low))
-            _, reduced, turning, kept = worst
-            if turning is None:
+            worst = min(pieces, key=lambda one: _end(one.ends, low))
+            if (i := worst.turning) is None:
                 break
             pieces.remove(worst)
-            start, end = reduced[turning]
-            cut = self._turn(reduced, turning)
+            start, end = worst.box[i]
+            cut = self._turn(worst.box, i)
             for half in ((start, cut), (cut, end)):
-                pieces.append(self._reduced([*reduced[:turning], half, *reduced[turning + 1 :]], "v", low, kept))
-        return hull(*(one[0] for one in pieces))
+                part = [*worst.box[:i], half, *worst.box[i + 1 :]]
+                pieces.append(self._reduced(part, worst.decided, "v", low))
+        return hull(*(one.ends for one in pieces))
 
     def _turn(self, box: list[Span], i: int) -> float:
         """Return where the slope along a coordinate may change its sign: by the secant of its ends, else the middle."""

@@ -156,47 +156,22 @@ def truth(a: Span) -> Span:
     return NONE if a == NONE else EITHER if a[0] <= 0 <= a[1] else ALL
 
 
-def less(a: Span, b: Span) -> Span:
-    """Return whether a < b."""
-    return float(a[1] < b[0]), float(a[0] < b[1])
-
-
-def most(a: Span, b: Span) -> Span:
-    """Return whether a <= b."""
-    return float(a[1] <= b[0]), float(a[0] <= b[1])
-
-
-def equal(a: Span, b: Span) -> Span:
-    """Return whether a = b."""
+def _equal(a: Span, b: Span) -> Span:
     return float(a[0] == a[1] == b[0] == b[1]), float(a[0] <= b[1] and b[0] <= a[1])
 
 
-def other(a: Span) -> Span:
-    """Return whether a is 0."""
-    held = truth(a)
-    return 1 - held[1], 1 - held[0]
+def _other(a: Span) -> Span:
+    return 1 - truth(a)[1], 1 - truth(a)[0]
 
 
-def both(a: Span, b: Span) -> Span:
-    """Return whether both are other than 0."""
-    one, two = truth(a), truth(b)
-    return min(one[0], two[0]), min(one[1], two[1])
+def _ends_of(function: Callable[[float, float], float]) -> Rule:
+    """Return the rule of what falls or rises in both arguments together, as the ends of truth values do."""
+    return lambda a, b: (function(truth(a)[0], truth(b)[0]), function(truth(a)[1], truth(b)[1]))
 
 
-def either(a: Span, b: Span) -> Span:
-    """Return whether one is other than 0."""
-    one, two = truth(a), truth(b)
-    return max(one[0], two[0]), max(one[1], two[1])
-
-
-def steps(function: Callable[[float], int]) -> Rule:
+def _steps(function: Callable[[float], int]) -> Rule:
     """Return the rule of a function that rises in steps, exactly computed."""
     return lambda a: (float(function(a[0])), float(function(a[1])))
-
-
-def flat(a: Span) -> Known:
-    """Return the slope of what has steps: 0 where the value is one number."""
-    return NONE if a[0] == a[1] else None
 
 
 RULES: dict[str, Rule] = {
@@ -207,8 +182,11 @@ RULES: dict[str, Rule] = {
     "sin": wave(arb.sin, 0.5), "cos": wave(arb.cos, 0.0), "atan": rising(arb.atan), "tanh": rising(arb.tanh, -1.0, 1.0),
     "sinh": rising(arb.sinh), "cosh": even(arb.cosh), "asinh": rising(arb.asinh), "erf": rising(arb.erf, -1.0, 1.0),
     "fmin": lambda a, b: (min(a[0], b[0]), min(a[1], b[1])), "fmax": lambda a, b: (max(a[0], b[0]), max(a[1], b[1])),
-    "sign": steps(lambda x: (x > 0) - (x < 0)), "floor": steps(math.floor), "ceil": steps(math.ceil),
-    "lt": less, "le": most, "eq": equal, "ne": lambda a, b: other(equal(a, b)), "not": other, "and": both, "or": either,
-    "flat": flat,
+    "sign": _steps(lambda x: (x > 0) - (x < 0)), "floor": _steps(math.floor), "ceil": _steps(math.ceil),
+    "lt": lambda a, b: (float(a[1] < b[0]), float(a[0] < b[1])),
+    "le": lambda a, b: (float(a[1] <= b[0]), float(a[0] <= b[1])),
+    "eq": _equal, "ne": lambda a, b: _other(_equal(a, b)),
+    "not": _other, "and": _ends_of(min), "or": _ends_of(max),
+    "flat": lambda a: NONE if a[0] == a[1] else None,  # the slope of what has steps, where it is one number
 }  # fmt: skip
 STEPS = frozenset({"sign", "floor", "ceil", "lt", "le", "eq", "ne", "not", "and", "or"})

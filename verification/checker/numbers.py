@@ -92,7 +92,7 @@ THEOREMS: Mapping[str, Theorem] = {
     "effect": Theorem("The input reaches the effect.", _of("slopes:identity"), [[">", ["*", _EFFECT, _EFFECT], "0"]]),
     "contraction": Theorem(
         "For every gain from low to high, 1 - gain b lies between -1 and 1, b the effect's slope along the input.",
-        _of("slopes:identity gain:range/numbers"),
+        _of("slopes:identity gain:range|numbers"),
         [
             [sign, ["*", _EFFECT, f"gain: {end}"], edge]
             for end in ("low", "high")
@@ -101,7 +101,7 @@ THEOREMS: Mapping[str, Theorem] = {
     ),
     "shrinking": Theorem(
         "For every gain from low to high, 1 - gain lies between -1 and 1.",
-        _of("identity:identity gain:range/numbers"),
+        _of("identity:identity gain:range|numbers"),
         [[">", "gain: low", "0"], ["<", "gain: high", "2"]],
     ),
     "lambda_min": Theorem(
@@ -165,9 +165,10 @@ def check_theorem(statement: object, shown: Mapping[str, tuple[str, str, Facts]]
         raise Rejected(f"a theorem must be one of {', '.join(THEOREMS)}, got {name!r:.40}")
     theorem = THEOREMS[name]
     found = {of: kind for of, (kind, _, _) in shown.items()}
-    fits = found.keys() == theorem.premises.keys()
-    fits = fits and all(kind in theorem.premises[of].split("/") for of, kind in found.items())
-    need(fits, f"{name} has the premises {theorem.premises}, got {found}"[:400])
+    good = set(found) == set(theorem.premises) and all(
+        kind in theorem.premises[of].split("|") for of, kind in found.items()
+    )
+    need(good, f"{name} has the premises {theorem.premises}, got {found}"[:400])
     facts = {f"{of}: {key}": number for of, (_, _, numbers) in shown.items() for key, number in numbers.items()}
     for of, (begins, sign, edge) in SETTINGS.items():
         _, _, numbers = shown.get(of, ("", "", None))

@@ -43,7 +43,7 @@ def recheck(out: Path) -> Rechecked:
         raise InvalidValue(str(error)) from None
     place = out / "verdicts.json"
     try:
-        verdicts = json.loads(place.read_text(encoding="utf-8"))["verdicts"]
+        verdicts = json.loads(place.read_text(encoding="utf-8"))
         said = {_label(one): one for one in verdicts if one["standing"] == "PROVED"}
         certified = {label for label, one in said.items() if one["evidence"].get("certificate")}
     except (OSError, ValueError, KeyError, TypeError) as error:
