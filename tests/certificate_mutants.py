@@ -282,8 +282,8 @@ def true(rng: np.random.Generator, one: Forged) -> bool:
             premise = of[hash_]
             if premise.kind == "numbers":
                 facts |= {f"{key}: {fact}": exact(given) for fact, (given, _) in premise.statement["facts"].items()}
-            if premise.kind == "identity" and premise.statement["equal"][0][1] in ("2", "3"):
-                facts[key] = Fraction(premise.statement["equal"][0][1])
+            if premise.kind == "identity" and isinstance(premise.statement["equal"][0][1], str):
+                facts[key] = exact(premise.statement["equal"][0][1])
         return all(true(rng, premise) for premise in of.values()) and (name not in TRUE or TRUE[name](facts))
     return bool(globals()[f"_true_{one.kind}"](rng, one))
 
@@ -369,7 +369,7 @@ def _true_identity(rng: np.random.Generator, one: Forged) -> bool:
 def _true_range(rng: np.random.Generator, one: Forged) -> bool:
     low, high = number(one.statement["low"]), number(one.statement["high"])
     for x in [*np.linspace(-30, 30, 400), 1e9, -1e9, 0.0]:
-        found = [v for key, v in values(one.graphs[0], [x]).items() if key[0] == one.statement["of"] and v is not None]
+        found = [v for key, v in values(one.graphs[0], [float(x)]).items() if key[0] == one.statement["of"] and v is not None]
         if any(not low - 1e-9 <= v <= high + 1e-9 for v in found):
             return False
     return True

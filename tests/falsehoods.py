@@ -90,7 +90,7 @@ def of_random_graphs(rng: np.random.Generator, count: int) -> Iterator[Forged]:
             claims += [(*one, "x", side) for side, pick in (("low", min), ("high", max)) for one in
                        stronger(pick(slopes), side)[-1:]]  # fmt: skip
             tiny = Fraction(1, 2**60)
-            for x, y in points[::7]:
+            for x, y in points[4:-4:7]:
                 near = [exact(graph, (x + side * tiny, y)) for side in (-1, 1)]
                 if None not in near and abs(near[1] - near[0]) > Fraction(1, 100):
                     claims += [("continuous", None, None, ""), ("at least", -1e200, "x", "low")]
