@@ -369,7 +369,9 @@ def _true_identity(rng: np.random.Generator, one: Forged) -> bool:
 def _true_range(rng: np.random.Generator, one: Forged) -> bool:
     low, high = number(one.statement["low"]), number(one.statement["high"])
     for x in [*np.linspace(-30, 30, 400), 1e9, -1e9, 0.0]:
-        found = [v for key, v in values(one.graphs[0], [float(x)]).items() if key[0] == one.statement["of"] and v is not None]
+        found = [
+            v for key, v in values(one.graphs[0], [float(x)]).items() if key[0] == one.statement["of"] and v is not None
+        ]
         if any(not low - 1e-9 <= v <= high + 1e-9 for v in found):
             return False
     return True

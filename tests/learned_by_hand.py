@@ -12,7 +12,7 @@ LAWS = (
     "other_sample", "more_by_a_digit", "less_by_a_digit", "moves_unreached", "forgets", "unguarded", "guarded_before",
     "two_gains", "own_gain", "adds", "says_increment", "squares", "older", "missing_in_memory", "missing_at_first",
     "was_begins", "was_narrow", "narrow_shape", "named_e", "gain_by_error", "first_error", "last_by_a_digit", "sign",
-    "reference", "one_said_all", "memory_beyond", "no_trial_reached", "another_row",
+    "reference", "one_said_all", "memory_beyond", "no_trial_reached", "another_row", "one_place_twice",
 )  # fmt: skip
 """Ways to learn otherwise than by ``gain`` times the next error."""
 
@@ -118,5 +118,12 @@ def law(n: int, wrong: str, gain: float, *, increment: bool = False) -> Forged:
             if port["name"] in ("e", "reached"):
                 port["shape"] = [1, 1]
         graph["outputs"][1]["entries"][n - 1][2] = g.put("add", at("memory_u", n - 1), g.scaled(gain, known(1)))
+    if wrong == "one_place_twice":  # another number stands where it is told that a sample was reached
+        port = graph["inputs"][-1]
+        port["places"].append([0, 1])
+        port["labels"].append("other")
+        guarded = g.put("if_else_zero", g.put("input", len(g.at)), at("e", 1))
+        graph["outputs"][1]["entries"][0][2] = g.put("add", at("memory_u", 0), g.scaled(gain, guarded))
+        graph["outputs"][2]["entries"][0][2] = graph["outputs"][1]["entries"][0][2]
     statement = {"graph": hashed(graph), **said, "least": str(Fraction(ends[0])), "most": str(Fraction(ends[1]))}
     return Forged("learned", statement, {}, [graph])
