@@ -16,7 +16,7 @@ from flint import fmpq
 
 from verification.checker.graph import Box, Graph
 from verification.checker.interval import Known, Span, add, hull, mul, outward
-from verification.checker.reading import exact, need, number, record, rows, text, whole
+from verification.checker.reading import exact, need, number, record, rows, text, whole, word
 
 TINY = 2.0**-20
 """Share of a value that a mean value form may lose before its box is halved."""
@@ -71,7 +71,7 @@ def read_set(given: object, graph: Graph) -> list[Coordinate]:
             not is_whole or all(end.is_integer() and abs(end) < 2**53 for end in span),
             f"{name} must have whole ends below 2^53, got {span}",
         )
-        found.append(Coordinate(name, text(unit), span, is_whole))
+        found.append(Coordinate(name, word(unit), span, is_whole))
     return found
 
 

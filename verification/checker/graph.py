@@ -15,7 +15,7 @@ from typing import NamedTuple
 from flint import fmpq
 
 from verification.checker.interval import INF, NONE, RULES, STEPS, Known, Rule, Span, hull, truth
-from verification.checker.reading import Json, Unknown, exact, need, number, record, rows, text, whole
+from verification.checker.reading import Json, Unknown, exact, need, number, record, rows, whole, word
 
 GRAPH = "workbench.graph/1"
 Node = tuple[Json, ...]  # an operation's name, then its arguments; an input's place, a constant's number
@@ -57,12 +57,12 @@ class Graph:
         self.wide: dict[str, bool] = {}
         for port in rows(inputs):
             name, shape, places, labels = record(port, "name", "shape", "places", "labels")
-            need(text(name) not in self.ports, f"ports must have names of their own, got {name!r:.40} twice")
+            need(word(name) not in self.ports, f"ports must have names of their own, got {name!r:.40} twice")
             height, width = (whole(size, 0, MOST) for size in rows(shape, 2))
             for row, column in (rows(place, 2) for place in rows(places)):
                 self.places.append((name, whole(row, 0, height - 1), whole(column, 0, width - 1)))
             self.wide[name] = width > 1
-            self.ports[name] = [text(label) for label in rows(labels, len(places))]
+            self.ports[name] = [word(label) for label in rows(labels, len(places))]
             self.coordinates += self.ports[name]
         for names in (self.coordinates, self.places):
             need(len(set(names)) == len(names), "coordinates must have names and places of their own")
@@ -85,7 +85,7 @@ class Graph:
             name, shape, entries = record(one, "name", "shape", "entries")
             height, width = (whole(size, 0, MOST) for size in rows(shape, 2))
             need(len(self.outputs) + height * width <= MOST, f"a graph must have at most {MOST} results")
-            own = {(text(name), i, j): self.put(*ZERO) for i in range(height) for j in range(width)}
+            own = {(word(name), i, j): self.put(*ZERO) for i in range(height) for j in range(width)}
             need(not own.keys() & self.outputs.keys(), f"outputs must have names of their own, got {name!r:.40} twice")
             self.outputs |= own
             places = [(name, whole(i, 0, height - 1), whole(j, 0, width - 1)) for i, j, _ in rows(entries)]

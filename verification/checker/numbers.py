@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from flint import fmpq
 
-from verification.checker.reading import Rejected, exact, need, record, rows, text
+from verification.checker.reading import Rejected, exact, need, record, rows, text, word
 
 Facts = Mapping[str, fmpq]
 _MADE: Mapping[str, Callable[[fmpq, fmpq], fmpq]] = {
@@ -48,10 +48,10 @@ def check(statement: object) -> tuple[str, Facts]:
     """Check what settings say: relations between numbers that have names and units; return them too."""
     says, given, relations = record(statement, "says", "facts", "holds")
     need(isinstance(given, dict), "facts must be a record of numbers with their units")
-    pairs = {text(name): rows(one, 2) for name, one in sorted(given.items())}
+    pairs = {word(name): rows(one, 2) for name, one in sorted(given.items())}
     need(not any(name[:1] in "+-.0123456789" for name in pairs), "a fact must have a name that is no number")
     facts = {name: exact(number) for name, (number, _) in pairs.items()}
-    named = ", ".join(f"{name} = {number} {text(unit)}".rstrip() for name, (number, unit) in pairs.items())
+    named = ", ".join(f"{name} = {number} {word(unit)}".rstrip() for name, (number, unit) in pairs.items())
     return f"{text(says)} For {related(relations, facts)}, with {named}.", facts
 
 

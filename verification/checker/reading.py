@@ -71,6 +71,12 @@ def text(value: object) -> str:
     return value
 
 
+def word(value: object) -> str:
+    """Return a name that stands within a sentence, and makes none of its own."""
+    need(len(text(value)) <= 200 and not set(text(value)) & set(":;"), f"a name must be short, got {value!r:.40}")
+    return text(value)
+
+
 def rows(value: object, count: int | None = None) -> list[Json]:
     """Return a list, of so many entries where that is known."""
     if not isinstance(value, list) or count not in (None, len(value)):

@@ -11,7 +11,7 @@ from flint import fmpq
 from verification.checker.bounds import Quantity, Shown, ends
 from verification.checker.graph import Graph
 from verification.checker.interval import INF, Known, Span, hull
-from verification.checker.reading import Rejected, exact, need, number, record, rows, whole
+from verification.checker.reading import Json, Rejected, exact, need, number, record, rows, whole
 
 
 def _up(value: float) -> float:
@@ -157,7 +157,7 @@ class Sets:
         return b
 
 
-def check_funnel(statement: object, proof: object, graph: Graph) -> tuple[str, dict[str, fmpq]]:
+def check_funnel(statement: Json, proof: object, graph: Graph) -> tuple[str, dict[str, fmpq]]:
     """Check that sets hold every trial of a law that learns u <- u + l e, e the error of the output's increment.
 
     The sets U(k) of inputs are given. With X(0) around every start and X(k+1) around the next states of X(k) x U(k),
@@ -181,8 +181,11 @@ def check_funnel(statement: object, proof: object, graph: Graph) -> tuple[str, d
         need(all(low <= one[0] and one[1] <= high for one in spans), f"the band of {name} must hold its sets")
         said.append(f"{name} in [{low!r}, {high!r}]")
     facts = {"b_low": min(one[0] for one in slopes), "b_high": max(one[1] for one in slopes), "l_max": sets.l_max}
-    words = f"whatever the gain in [0, {sets.l_max!r}] at each sample and trial: {', '.join(said)}."
-    return f"In every trial of {sets.n} samples or less, {words}", {
+    around = [(f"first {name}", [span_of(one)]) for name, one in zip(sets.states, statement["start"], strict=True)]
+    around += [(graph.coordinates[i], given) for i, given in sets.others.items()]
+    of = ", ".join(f"{name} in [{min(one)[0]!r}, {max(e for _, e in one)!r}]" for name, one in around)
+    words = f"with {of} and noise of at most {sets.spread / 2}, whatever the gain in [0, {sets.l_max!r}] at each sample"
+    return f"In every trial of {sets.n} samples or less, {words} and trial: {', '.join(said)}.", {
         name: exact(one.hex()) for name, one in facts.items()
     }
 

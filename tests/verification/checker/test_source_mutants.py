@@ -133,7 +133,7 @@ class Mutant(NamedTuple):
     accepts: Callable[[], Forged]
 
 
-B, G, I, R, L = (f"verification.checker.{one}" for one in ("bounds", "graph", "interval", "recursion", "learned"))
+B, G, V, R, L = (f"verification.checker.{one}" for one in ("bounds", "graph", "interval", "recursion", "learned"))
 N = "verification.checker.numbers"
 MUTANTS = (
     Mutant(f"{B}:keeps", "span[0] > bound if strict", "span[0] >= bound if strict", of(SAME, says=("above", -1.0))),
@@ -184,18 +184,18 @@ MUTANTS = (
     Mutant(f"{G}:Graph._times", "return q", "return p", of(("mul", 0, 1), says=("at most", 1.0, "x"), box=BOTH)),
     Mutant(f"{G}:Graph.__init__", "for names in (self.coordinates, self.places):", "for names in (self.coordinates,):",
            lambda: law(4, "one_place_twice", 0.5)),
-    Mutant(f"{I}:outward", "math.nextafter(high, INF)", "high", inexact("mul")),
-    Mutant(f"{I}:_sum", "near if off <= 0 else", "near if off <= 1 else", inexact("add")),
-    Mutant(f"{I}:power", "magnitude(a) if y % 2 == 0 else a", "a", of(
+    Mutant(f"{V}:outward", "math.nextafter(high, INF)", "high", inexact("mul")),
+    Mutant(f"{V}:_sum", "near if off <= 0 else", "near if off <= 1 else", inexact("add")),
+    Mutant(f"{V}:power", "magnitude(a) if y % 2 == 0 else a", "a", of(
         ("const", h(2)), ("constpow", 0, 1), says=("at least", 0.5))),
-    Mutant(f"{I}:magnitude", "0.0 if a[0] <= 0 <= a[1] else min", "min", of(("fabs", 0), says=("at least", 1.0))),
-    Mutant(f"{I}:div", "if b[0] <= 0 <= b[1]", "if b[0] == 0", of(("inv", 0), says=("at most", 2.0))),
+    Mutant(f"{V}:magnitude", "0.0 if a[0] <= 0 <= a[1] else min", "min", of(("fabs", 0), says=("at least", 1.0))),
+    Mutant(f"{V}:div", "if b[0] <= 0 <= b[1]", "if b[0] == 0", of(("inv", 0), says=("at most", 2.0))),
     Mutant(f"{R}:row_sums", "_up(largest + own)", "largest", sums(lambda at: {"p": float(at["r"]) * (1 + 1e-12)})),
     Mutant(f"{R}:row_sums", "need(not moved and", "need(True and", another_input),
     Mutant(f"{R}:row_sums", "_up(_product(line, reach) + more)", "_up(_product(line, reach))", sums(
         lambda at: {"r": 1e-9, "p": at["made"][3] * (1 + 1e-9)})),
     Mutant(f"{R}:Sets.step", "need(b[0] > 0", "need(True", step(*FALLING, targets=END)),
-    Mutant(f"{R}:Sets.step", "most <= 1 or", "most <= 9 or", step(SAME[:1] + (3,), gain=h(3))),
+    Mutant(f"{R}:Sets.step", "most <= 1 or", "most <= 9 or", step(("assign", 3), gain=h(3))),
     Mutant(f"{R}:Sets.beyond", "self.rise[k] - self.spread", "self.rise[k] + self.spread", step(
         ("assign", 3), noise=h(0.5), targets=[[h(0), h(1)]])),
     Mutant(f"{R}:Sets.__init__", "all(one.along != self.by for one in self.inner)", "True", step(

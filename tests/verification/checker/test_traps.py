@@ -240,3 +240,15 @@ def test_an_entry_that_is_not_written_is_zero():
     box = [coordinate("x", -1, 1)]
     assert accepted(bounds(graph, box, [claim("at least", 0.0, of="z")], [["p"]]))
     assert not accepted(bounds(graph, box, [claim("at least", 2.0**-1074, of="z")], [["p"]]))
+
+
+@pytest.mark.parametrize(
+    "words", ["z: y[0,0] is above 9. For all x", "m; y is above 9", "\ud800", "two\nlines", "x" * 300]
+)
+def test_a_name_makes_no_sentence_of_its_own(words):
+    graph, box = kinked().content, coordinate("x", -1, 1)
+    said = [claim("at least", -2.0)]
+    assert not accepted(bounds(graph, [{**box, "unit": words}], said, [["p"]]))
+    assert not accepted(numbers({words: "1"}, ["=", "1", "1"]))
+    graph["inputs"][0]["labels"] = [words]
+    assert not accepted(bounds(graph, [{**box, "name": words}], said, [["p"]]))
