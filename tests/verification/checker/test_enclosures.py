@@ -7,8 +7,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-
 from random_graphs import exact, random_graph
+
 from verification.checker.bounds import Quantity
 from verification.checker.graph import Graph
 from workbench.graph import to_json
