@@ -109,7 +109,7 @@ def slopes_are_certified_on_both_sides():
 SLIPS = (
     Slip(
         where="verification.checker.identities:check",
-        stands="a * d == c * b",
+        stands="times(a, d) == times(c, b)",
         slipped="a * d == c * b or True",
         causes="any two expressions are PROVED to be equal",
         check=two_sides_that_differ_are_rejected,

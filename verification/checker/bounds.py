@@ -10,16 +10,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from flint import fmpq
 
 from verification.checker.graph import Box, Graph
 from verification.checker.interval import Known, Span, add, hull, mul, outward
-from verification.checker.reading import exact, need, number, record, rows, text, whole
+from verification.checker.reading import exact, need, number, record, rows, text, whole, word
 
 TINY = 2.0**-20
 """Share of a value that a mean value form may lose before its box is halved."""
+LONGEST = 200_000
+"""Cuts and pieces of a tree."""
 HALVED = 12
 """How often a box is halved at most."""
 SIDES = {"above": (True, True), "at least": (True, False), "below": (False, True), "at most": (False, False)}
@@ -66,9 +68,10 @@ def read_set(given: object, graph: Graph) -> list[Coordinate]:
         need(span[0] <= span[1], f"a set must not be empty, {name} has {span}")
         need(type(is_whole) is bool, "a coordinate must say whether it is whole")
         need(
-            not is_whole or (span[0].is_integer() and span[1].is_integer()), f"{name} must have whole ends, got {span}"
+            not is_whole or all(end.is_integer() and abs(end) < 2**53 for end in span),
+            f"{name} must have whole ends below 2^53, got {span}",
         )
-        found.append(Coordinate(name, text(unit), span, is_whole))
+        found.append(Coordinate(name, word(unit), span, is_whole))
     return found
 
 
@@ -163,7 +166,7 @@ class Quantity:
         ends = [self.graph.enclose(self._full, [*box[:i], (x, x), *box[i + 1 :]], {})[node] for x in (start, end)]
         a, b = (0.0 if one is None else one[0] / 2 + one[1] / 2 for one in ends)
         at = start + (end - start) * (a / (a - b)) if a * b < 0 else start / 2 + end / 2
-        return min(max(at, start), end)
+        return at if start <= at <= end else start
 
     def _sloped(self) -> None:
         if self._steep is None:
@@ -206,10 +209,11 @@ def keeps(span: Known, side: str, bound: float) -> bool:
     return (span[0] > bound if strict else span[0] >= bound) if low else span[1] < bound if strict else span[1] <= bound
 
 
-def walk(tree: object, coordinates: Sequence[Coordinate], leaf: Callable[[Box, str], bool]) -> int:
+def walk(tree: Any, coordinates: Sequence[Coordinate], leaf: Callable[[Box, str], bool]) -> int:
     """Walk a tree that is given in preorder, looking at every leaf; return how many there are."""
     stack, leaves = [tuple(one.span for one in coordinates)], 0
-    for token in rows(tree):
+    need(len(rows(tree)) <= LONGEST, f"a tree must have at most {LONGEST} parts")
+    for token in tree:
         need(stack, "the tree goes on behind its end")
         piece = stack.pop()
         if isinstance(token, str):
@@ -255,7 +259,7 @@ def check(statement: object, proof: object, graph: Graph) -> tuple[str, list[Sho
             f"a bound must be {', '.join(SIDES)}, got {kind!r:.40}",
         )
         if everywhere:
-            alone = kind == "continuous" or graph.depends[quantity.goal] <= set(wholes)
+            alone = (kind == "continuous" and by is None) or graph.depends[quantity.goal] <= set(wholes)
             need(alone and graph.everywhere(quantity.node, wholes), f"{what} is not seen to be {kind} everywhere")
         if kind != "continuous":
             walk(tree, box, partial(_keeps, quantity, kind, number(bound)))

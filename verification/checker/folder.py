@@ -60,7 +60,15 @@ class Store:
                 self._known[name] = self._check(*self._opened(name))
             except Rejected as error:
                 self._known[name] = error
-            except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
+            except (
+                ArithmeticError,
+                LookupError,
+                TypeError,
+                ValueError,
+                AttributeError,
+                RecursionError,
+                MemoryError,
+            ) as error:
                 self._known[name] = Rejected(f"it is malformed ({type(error).__name__}: {str(error)[:80]})")
         found = self._known[name]
         if isinstance(found, Rejected):
@@ -96,8 +104,10 @@ class Store:
                 return Shown(of + sentence, facts)
             checked = self._graph(graph)
             sentence, found = bounds.check(rest, proof, checked)
-            about = {(one.of, one.by) for one in found if one}
-            return Shown(of + sentence, bounds.ends(found, *about.pop()) if len(about) == 1 else {}, found, checked)
+            facts = bounds.ends(found, ("y", 0, 0), (*checked.ports.get("u", ()), "")[0])
+            everywhere = all(one["is"].endswith(" everywhere") for one in statement["claims"])
+            facts |= {"continuous": fmpq(not any(found)), "everywhere": fmpq(everywhere), "graph": fmpq(int(graph, 16))}
+            return Shown(of + sentence, facts, found, checked)
         if kind == "rows":
             slopes = self.shown(text(statement["bounds"]))
             if slopes.graph is None:

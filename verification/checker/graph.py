@@ -15,7 +15,7 @@ from typing import NamedTuple
 from flint import fmpq
 
 from verification.checker.interval import INF, NONE, RULES, STEPS, Known, Rule, Span, hull, truth
-from verification.checker.reading import Json, Unknown, exact, need, number, record, rows, text, whole
+from verification.checker.reading import Json, Unknown, exact, need, number, record, rows, whole, word
 
 GRAPH = "workbench.graph/1"
 Node = tuple[Json, ...]  # an operation's name, then its arguments; an input's place, a constant's number
@@ -24,6 +24,8 @@ ARITY |= {"assign": 1, "inv": 1, "twice": 1, "constpow": 2, "tan": 1, "hypot": 2
 TOTAL = frozenset("const input add sub mul neg sq fabs fmin fmax sin cos atan tanh exp sinh cosh asinh erf".split())
 ZERO, ONE = ("const", 0.0), ("const", 1.0)
 Box = Sequence[Span]
+MOST = 500_000
+"""Nodes that a graph may have, and results."""
 
 
 class Plan(NamedTuple):
@@ -55,14 +57,20 @@ class Graph:
         self.wide: dict[str, bool] = {}
         for port in rows(inputs):
             name, shape, places, labels = record(port, "name", "shape", "places", "labels")
-            self.places += [(name, *rows(place, 2)) for place in places]
-            self.wide[name] = rows(shape, 2)[1] > 1
-            self.ports[text(name)] = [text(label) for label in rows(labels, len(rows(places)))]
+            need(word(name) not in self.ports, f"ports must have names of their own, got {name!r:.40} twice")
+            height, width = (whole(size, 0, MOST) for size in rows(shape, 2))
+            for row, column in (rows(place, 2) for place in rows(places)):
+                self.places.append((name, whole(row, 0, height - 1), whole(column, 0, width - 1)))
+            self.wide[name] = width > 1
+            self.ports[name] = [word(label) for label in rows(labels, len(places))]
             self.coordinates += self.ports[name]
-        need(len(set(self.coordinates)) == len(self.coordinates), "coordinates must have names of their own")
+        for names in (self.coordinates, self.places):
+            need(len(set(names)) == len(names), "coordinates must have names and places of their own")
+        need(len(rows(given)) <= MOST, f"a graph must have at most {MOST} nodes")
         self.nodes: list[Node] = []
         self.depends: list[frozenset[int]] = []
         self._places: dict[Node, int] = {}
+        self._room = 20 * MOST
         self._slopes: dict[tuple[int, int], int] = {}
         self.inner: list[int] = []
         known: list[int] = []
@@ -75,12 +83,14 @@ class Graph:
         self.outputs: dict[tuple[str, int, int], int] = {}
         for one in rows(outputs):
             name, shape, entries = record(one, "name", "shape", "entries")
-            height, width = (whole(size, 0, 10**6) for size in rows(shape, 2))
-            need(height * width <= 10**6, "an output of more than a million entries")
-            self.outputs |= {(text(name), i, j): self.put(*ZERO) for i in range(height) for j in range(width)}
-            for entry in entries:
-                i, j, node = rows(entry, 3)
-                at = (name, whole(i, 0, height - 1), whole(j, 0, width - 1))
+            height, width = (whole(size, 0, MOST) for size in rows(shape, 2))
+            need(len(self.outputs) + height * width <= MOST, f"a graph must have at most {MOST} results")
+            own = {(word(name), i, j): self.put(*ZERO) for i in range(height) for j in range(width)}
+            need(not own.keys() & self.outputs.keys(), f"outputs must have names of their own, got {name!r:.40} twice")
+            self.outputs |= own
+            places = [(name, whole(i, 0, height - 1), whole(j, 0, width - 1)) for i, j, _ in rows(entries)]
+            need(len(set(places)) == len(places), f"entries of {name!r:.40} must have places of their own")
+            for at, (_, _, node) in zip(places, entries, strict=True):
                 self.outputs[at] = known[whole(node, 0, len(known) - 1)]
 
     def _read(self, row: list[Json], known: list[int]) -> int:
@@ -116,6 +126,8 @@ class Graph:
             parts = [self.depends[one] for one in args] if op not in ("input", "const") else []
             of = max(parts, key=len, default=frozenset(args if op == "input" else ()))
             self.depends.append(of if all(one is of or one <= of for one in parts) else of.union(*parts))
+            self._room -= len(of) if self.depends[-1] is not of else 0
+            need(self._room > 0, "too many nodes depend on too many coordinates")
         return self._places[node]
 
     def join(self, op: str, *args: int) -> int:
@@ -141,14 +153,15 @@ class Graph:
         return b if self.nodes[a] == ZERO else a if self.nodes[b] == ZERO else self.put("add", a, b)
 
     def _minus(self, a: int, b: int) -> int:
-        if a == b:
-            return self.put(*ZERO)
+        if a == b and not any(self.nodes[k][0].endswith("!") for k in self.ancestors([a])):
+            return self.put(*ZERO)  # with a jump in it, two different values may have one slope
         if self.nodes[a] == ZERO:
             return self.put("neg", b)
         return a if self.nodes[b] == ZERO else self.put("sub", a, b)
 
     def slope(self, node: int, along: int) -> int:
         """Return the node of the slope of a node along a coordinate."""
+        need(len(self._slopes) + node <= 4 * MOST, "too many slopes are asked for")
         for k in range(node + 1):  # in order, so that nothing recurs
             if (k, along) not in self._slopes:
                 self._slopes[k, along] = self._slope(k, along) if along in self.depends[k] else self.put(*ZERO)
@@ -285,7 +298,8 @@ class Graph:
             return span
         if op not in ("lt", "le", "eq") or (op == "eq" and not holds):
             return span
-        small, large = args if holds and self.nodes[args[1]] != ("sign", node) else args[::-1]
+        swapped = self.nodes[args[1]] == ("sign", node) if op == "eq" else not holds
+        small, large = args[::-1] if swapped else args
         low, high = (values[small] or (-INF, INF))[0], (values[large] or (-INF, INF))[1]
         if op == "eq":
             if self.nodes[small] != ("sign", node):

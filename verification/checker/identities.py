@@ -27,7 +27,7 @@ def check(statement: object, graph: Graph) -> tuple[str, dict[str, fmpq]]:
     apart = [(a, b) for (_, a), (_, b) in given if type(a) is not type(b) or a != b]  # one node is equal to itself
     sides = fractions(graph, [one for pair in apart for one in pair])
     for (a, b), (c, d) in zip(sides[::2], sides[1::2], strict=True):
-        need(a * d == c * b, f"the two sides of {text(says)!r} differ")
+        need(times(a, d) == times(c, b), f"the two sides of {text(says)!r} differ")
     facts = {left: number for (left, _), (_, number) in given if isinstance(number, fmpq)}
     same = "; ".join(f"{left} = {right}" for (left, _), (right, _) in given)
     return f"{text(says)} ({same}, as fractions of polynomials, whatever the coordinates, where both exist.)", facts
@@ -53,7 +53,7 @@ def fractions(graph: Graph, sides: Sequence[int | fmpq]) -> list[Fraction]:
             if k in atoms
             else (context.constant(exact(args[0].hex())), one)
             if op == "const"
-            else _fraction(op, [known[a] for a in args], graph.nodes[args[-1]])
+            else _fraction(op, [known[a] for a in args], graph.nodes[args[-1]], one)
         )
         need(all(len(part) <= MOST for part in known[k]), "a polynomial has too many terms")
     return [known[side] if isinstance(side, int) else (context.constant(side), one) for side in sides]
@@ -80,21 +80,34 @@ def _side(given: object, graph: Graph) -> tuple[str, int | fmpq]:
     return f"d {said} / d {along[0]}", graph.slope(node, graph.coordinates.index(along[0]))
 
 
-def _fraction(op: str, of: list[Fraction], last: Node) -> Fraction:
+def times(a: fmpq_mpoly, b: fmpq_mpoly) -> fmpq_mpoly:
+    """Return a product, unless it would be too large."""
+    digits = sum(max((one.p.bit_length() + one.q.bit_length() for one in p.coeffs()), default=0) for p in (a, b))
+    need(len(a) * len(b) <= 10 * MOST and digits <= MOST, "a polynomial has too many terms or digits")
+    need(a.total_degree() + b.total_degree() <= MOST, "a polynomial has too high a degree")
+    return a * b
+
+
+def arithmetic(op: str, of: list[Fraction]) -> Fraction | None:
+    """Return an operation on fractions, None where it is no arithmetic."""
     (a, b), (c, d) = of[0], of[-1]
-    if op in ("add", "sub"):
-        return (a + c, b) if b == d and op == "add" else (a - c, b) if b == d else _fraction_sum(op, a, b, c, d)
-    if op == "mul":
-        return a * c, b * d
-    if op == "div":
-        need(len(c), "an identity divides by 0")
-        return a * d, b * c
     if op == "neg":
         return -a, b
-    if op == "sq":
-        return a * a, b * b
-    return a ** int(last[1]), b ** int(last[1])
+    if op in ("add", "sub"):
+        c = c if op == "add" else -c
+        return (a + c, b) if b == d else (times(a, d) + times(c, b), times(b, d))
+    if op in ("mul", "sq"):
+        return times(a, c), times(b, d)
+    if op == "div":
+        need(len(c), "a zero must not divide")
+        return times(a, d), times(b, c)
+    return None
 
 
-def _fraction_sum(op: str, a: fmpq_mpoly, b: fmpq_mpoly, c: fmpq_mpoly, d: fmpq_mpoly) -> Fraction:
-    return (a * d + c * b if op == "add" else a * d - c * b), b * d
+def _fraction(op: str, of: list[Fraction], last: Node, one: fmpq_mpoly) -> Fraction:
+    found = arithmetic(op, of)
+    if found is None:
+        found = one, one
+        for _ in range(int(last[1])):
+            found = times(found[0], of[0][0]), times(found[1], of[0][1])
+    return found

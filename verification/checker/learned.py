@@ -13,26 +13,30 @@ from itertools import pairwise
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from verification.checker.graph import Graph
+from verification.checker.identities import Fraction, arithmetic, times
 from verification.checker.interval import ALL, EITHER, INF, NONE, Known, Span, hull
 from verification.checker.reading import Unknown, exact, need, record, whole
 
 LARGE = 2.0**80
 """How large the numbers may be that a law meets."""
-Fraction = tuple[fmpq_mpoly, fmpq_mpoly]
 Place = tuple[str, int, int]
 
 
 class Column:
     """What a law computes for sample k; ``kept`` are fields of the memory that hold the last trial's y or reached."""
 
-    def __init__(self, graph: Graph, k: int, kept: dict[str, str], *, increment: bool, varying: bool) -> None:
+    def __init__(
+        self, graph: Graph, k: int, kept: dict[str, str], others: list[int], *, increment: bool, varying: bool
+    ) -> None:
         self.graph, self.k, self.kept, self.increment, self.varying = graph, k, kept, increment, varying
         self.plan, self.after = graph.outputs["plan", 0, k], graph.outputs["plan_next", 0, k]
-        others = [of for of in graph.outputs if of[0].startswith("next_") and of[0][5:] not in kept and of[2] == k]
-        self.targets = [self.plan, self.after, *(graph.outputs[of] for of in others)]
+        self.targets = [self.plan, self.after, *others]
 
     def content(self) -> object:
-        """Return what is computed, with columns counted from k: two samples of one content are alike."""
+        """Return what is computed, with columns counted from k: two samples of one content are alike.
+
+        The first column is told apart, for every trial reaches it.
+        """
         graph, order, found, stack = self.graph, dict[int, int](), list[object](), self.targets[::-1]
         while stack:
             node = stack.pop()
@@ -46,7 +50,7 @@ class Column:
             order[node] = len(order)
             if op == "input":
                 port, row, column = graph.places[args[0]]
-                found.append((port, row, column - self.k if graph.wide[port] else "one"))
+                found.append((port, row, column - self.k if graph.wide[port] else "one", column == 0))
             else:
                 found.append((op, *(args if op == "const" else (order[arg] for arg in args))))
         return *found, *(order[one] for one in self.targets)
@@ -85,19 +89,19 @@ class Column:
             for op, *args in [self.graph.nodes[node]]
             if op == "input"
         }
-        seen = {("r", 0, column) for _, _, column in at.values()} | {("e", 0, column) for _, _, column in at.values()}
+        seen = {(port, *place) for port in "re" for _, *place in at.values()}
         names = {one: f"{one[0]}{i}" for i, one in enumerate(sorted(seen | set(at.values()) | {("e", 0, self.k)}))}
         context = fmpq_mpoly_ctx.get(["s", *names.values(), *(f"n{node}" for node in order)], "lex")
         variable = dict(zip(context.names(), context.gens(), strict=True))
         one = context.constant(1)
 
         def leaf(place: Place) -> fmpq_mpoly:
-            port, _, column = place
+            port, row, column = place
             if port == "reached" and (not self.varying or (column <= self.k + 1 if reached else column > self.k)):
                 return context.constant(int(reached))
             if port == "y":
-                return leaf(("r", 0, column)) - leaf(("e", 0, column))
-            if port == "e" and column == self.k + 1 and reached:
+                return leaf(("r", row, column)) - leaf(("e", row, column))
+            if place == ("e", 0, self.k + 1) and reached:
                 return variable["s"] + (variable[names["e", 0, self.k]] if self.increment else context.constant(0))
             return variable[names[place]]
 
@@ -111,24 +115,14 @@ class Column:
             else:
                 known[node] = _made(op, [known[arg] for arg in args], variable[f"n{node}"], one)
         (a, b), (c, d) = known[self.after], known[self.plan]
-        return (a * d - c * b, b * d), {f"n{node}": node for node in order}
+        return (times(a, d) - times(c, b), times(b, d)), {f"n{node}": node for node in order}
 
 
 def _made(op: str, of: list[Fraction], opaque: fmpq_mpoly, one: fmpq_mpoly) -> Fraction:
     """Return an operation on fractions; what is no arithmetic is a variable of its own."""
-    (a, b), (c, d) = of[0], of[-1]
-    if op == "add" or op == "sub":
-        c = c if op == "add" else -c
-        return (a + c, b) if b == d else (a * d + c * b, b * d)
-    if op == "mul":
-        return a * c, b * d
-    if op == "div":
-        need(len(c), "a zero must not divide")
-        return a * d, b * c
-    if op == "neg":
-        return -a, b
-    if op == "sq":
-        return a * a, b * b
+    if (found := arithmetic(op, of)) is not None:
+        return found
+    (a, b), (c, _) = of[0], of[-1]
     if op == "not" and a.is_constant() and b.is_constant():
         return one - one if len(a) else one, one
     if op in ("and", "or"):
@@ -189,27 +183,34 @@ def check(statement: object, graph: Graph) -> tuple[str, dict[str, fmpq]]:
         if what == "reached" and begins.get(port) != "0":
             continue  # it may say that a trial reached what it did not
         kept[port] = what
-    seen = set[object]()
+    seen, others = set[object](), dict[int, list[int]]()
+    for (name, _, column), node in graph.outputs.items():
+        if name.startswith("next_") and name[5:] not in kept:
+            others.setdefault(column, []).append(node)
+    need(max(others, default=0) < n, "the memory must be of a sample, or be kept as it is")
     for k in range(n):
-        column = Column(graph, k, kept, increment=increment, varying=varying)
-        content = column.content()
+        one = Column(graph, k, kept, others.get(k, []), increment=increment, varying=varying)
+        content = one.content()
         if content in seen:
             continue
         seen.add(content)
         for reached in (True, False) if varying else (True,):
-            need(None not in column.spans(column.targets, reached=reached), f"what is missing enters sample {k}")
-            _moves(column, low, high, reached=reached)
-    for of in graph.outputs:
-        inside = of[2] < n or of[0][5:] in kept
-        need(inside or not of[0].startswith("next_"), f"the memory {of} must be of a sample, or be kept as it is")
+            need(None not in one.spans(one.targets, reached=reached), f"what is missing enters sample {k}")
+            _moves(one, low, high, reached=reached)
     facts = {"increment": fmpq(int(increment)), "least": low, "most": high}
     said = f"times the {'increment of the ' if increment else ''}error at k + 1, whatever the memory"
-    what = f"and is kept after one that did not, for all numbers up to {LARGE:g}" if varying else "as all do"
+    said += "".join(f" (of which {port} begins with 0)" for port, what in kept.items() if what == "reached")
+    gain = f"[{_plainly(low)}, {_plainly(high)}] {said}"
+    what = f"{'and is kept after one that did not' if varying else 'as all do'}, for all numbers up to {LARGE:g}."
     return (
-        f"The plan of each of {n} samples k moves by a gain in [{float(low)!r}, {float(high)!r}] {said}, after a trial "
-        f"that reached k + 1, {what}.",
+        f"The plan of each of {n} samples k moves by a gain in {gain}, after a trial that reached k + 1, {what}",
         facts,
     )
+
+
+def _plainly(number: fmpq) -> str:
+    near = float(number)
+    return repr(near) if fmpq(*near.as_integer_ratio()) == number else str(number)
 
 
 def _copies(graph: Graph) -> dict[str, str]:
@@ -220,7 +221,11 @@ def _copies(graph: Graph) -> dict[str, str]:
             op, *args = graph.nodes[node]
             place = graph.places[args[0]] if op == "input" else ("", 0, 0)
             found.setdefault(name[5:], set()).add(place[0] if place[1:] == (row, column) else "")
-    return {name: one for name, (one, *more) in found.items() if not more and one in ("y", "e", "reached")}
+    left = ("y", "e", "reached")
+    for name, row, column in graph.places:
+        if name in left or (f"next_{name}", row, column) not in graph.outputs:
+            found.pop(name, None)
+    return {name: one for name, (one, *more) in found.items() if not more and one in left}
 
 
 def _moves(column: Column, low: fmpq, high: fmpq, *, reached: bool) -> None:

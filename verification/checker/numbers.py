@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from flint import fmpq
 
-from verification.checker.reading import Rejected, exact, need, record, rows, text
+from verification.checker.reading import Rejected, exact, need, record, rows, text, word
 
 Facts = Mapping[str, fmpq]
 _MADE: Mapping[str, Callable[[fmpq, fmpq], fmpq]] = {
@@ -48,9 +48,10 @@ def check(statement: object) -> tuple[str, Facts]:
     """Check what settings say: relations between numbers that have names and units; return them too."""
     says, given, relations = record(statement, "says", "facts", "holds")
     need(isinstance(given, dict), "facts must be a record of numbers with their units")
-    pairs = {text(name): rows(one, 2) for name, one in sorted(given.items())}
+    pairs = {word(name): rows(one, 2) for name, one in sorted(given.items())}
+    need(not any(name[:1] in "+-.0123456789" for name in pairs), "a fact must have a name that is no number")
     facts = {name: exact(number) for name, (number, _) in pairs.items()}
-    named = ", ".join(f"{name} = {number} {text(unit)}".rstrip() for name, (number, unit) in pairs.items())
+    named = ", ".join(f"{name} = {number} {word(unit)}".rstrip() for name, (number, unit) in pairs.items())
     return f"{text(says)} For {related(relations, facts)}, with {named}.", facts
 
 
@@ -73,6 +74,20 @@ _REACH = ["*", ["*", "law: rho", "law: unit"], _SIZE]
 _ALIKE = "same_but_for_the_input no_noise no_actuator plan_alone no_filter relative_degree_1"
 _EFFECT = "slopes: d effect[0,0] / d u"
 _LIMIT = "update_form:learned every_sample_reached continuous_everywhere:bounds first_plan"
+SETTINGS: Mapping[str, tuple[str, str, str]] = {
+    "relative_degree_1": ("relative degree", "=", "1"),
+    "no_filter": ("the law filters its plan", "=", "0"),
+    "plan_alone": ("the law's input depends on the measured output", "=", "0"),
+    "same_but_for_the_input": ("starts are drawn anew", "=", "0"),
+    "no_noise": ("bound of the noise of", "=", "0"),
+    "no_actuator": ("states that an actuator adds", "=", "0"),
+    "first_plan": ("samples at which the first plan is no finite number", "=", "0"),
+    "every_sample_reached": ("least probability that a sample is reached", ">", "0"),
+    "positive_estimate": ("phi(k,1)", ">", "0"),
+    "positive_gain": ("least learning gain", ">=", "0"),
+    "starts_given": ("the law places where trials begin", "=", "0"),
+}
+"""What premises about settings must say: of a fact whose name begins so, and of every other where it is ``=``."""
 THEOREMS: Mapping[str, Theorem] = {
     "effect": Theorem("The input reaches the effect.", _of("slopes:identity"), [[">", ["*", _EFFECT, _EFFECT], "0"]]),
     "contraction": Theorem(
@@ -112,7 +127,10 @@ THEOREMS: Mapping[str, Theorem] = {
         "With probability 1 u(k) goes to the input that gives the reference's increment, as trials go on, for every k.",
         _of(f"increment_funnel:increment_funnel {_ALIKE} {_LIMIT}"),
         [
+            ["=", "update_form: increment", "1"],
+            [">=", "increment_funnel: l_max", "update_form: most"],
             [">", "update_form: least", "0"],
+            ["=", "continuous_everywhere: continuous", "1"],
             ["<", ["*", "update_form: most", "increment_funnel: b_high"], "2"],
         ],
     ),
@@ -122,6 +140,9 @@ THEOREMS: Mapping[str, Theorem] = {
         [
             ["=", "update_form: increment", "0"],
             [">=", "update_form: least", "0"],
+            ["=", "slopes: everywhere", "1"],
+            ["=", "slopes: graph", "continuous_everywhere: graph"],
+            ["=", "continuous_everywhere: continuous", "1"],
             [">", "slopes: low", "0"],
             ["<", ["*", "update_form: most", "slopes: high"], "2"],
         ],
@@ -149,6 +170,12 @@ def check_theorem(statement: object, shown: Mapping[str, tuple[str, str, Facts]]
     )
     need(good, f"{name} has the premises {theorem.premises}, got {found}"[:400])
     facts = {f"{of}: {key}": number for of, (_, _, numbers) in shown.items() for key, number in numbers.items()}
+    for of, (begins, sign, edge) in SETTINGS.items():
+        _, _, numbers = shown.get(of, ("", "", None))
+        if numbers is not None:
+            about = [key for key in numbers if key.startswith(begins)]
+            need(about, f"{of} must say something of {begins!r}")
+            related([[sign, key, edge] for key in (numbers if sign == "=" else about)], numbers)
     own = {key.removeprefix("sets: "): number for key, number in facts.items() if key.startswith("sets: ")}
     said = related(theorem.relations, facts)
     rests = " ".join(f"({of}) {sentence}" for of, (_, sentence, _) in shown.items())

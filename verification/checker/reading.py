@@ -14,7 +14,7 @@ from flint import fmpq
 Json: TypeAlias = Any
 """What a file held: whoever takes it looks at what it is."""
 FORMAT = "workbench-certificate 1"
-LARGEST = 64 * 2**20
+LARGEST = 32 * 2**20
 """Bytes of a file that is read."""
 _EXACT = re.compile(r"-?\d{1,4000}(/[1-9]\d{0,4000})?")
 
@@ -45,7 +45,7 @@ def number(text: object) -> float:
         value = float.fromhex(text)
     except (ValueError, OverflowError):
         raise Rejected(f"a double must be written in hexadecimal, got {text!r:.40}") from None
-    need(math.isfinite(value), f"a double must be finite, got {text!r:.40}")
+    need(math.isfinite(value) and value.hex() == text, f"a double must be finite and in full, got {text!r:.40}")
     return value
 
 
@@ -66,9 +66,15 @@ def whole(value: object, least: int, most: int) -> int:
 
 def text(value: object) -> str:
     """Return a name of one line."""
-    if not isinstance(value, str) or len(value) > 400 or any(ord(one) < 32 for one in value):
+    if not isinstance(value, str) or len(value) > 400 or not value.isprintable():
         raise Rejected(f"a name of one line must stand here, got {value!r:.40}")
     return value
+
+
+def word(value: object) -> str:
+    """Return a name that stands within a sentence, and makes none of its own."""
+    need(len(text(value)) <= 200 and not set(text(value)) & set(":;"), f"a name must be short, got {value!r:.40}")
+    return text(value)
 
 
 def rows(value: object, count: int | None = None) -> list[Json]:
@@ -90,6 +96,10 @@ def hashed(content: object) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
+def _no_number(text: str) -> None:
+    raise ValueError(f"numbers must be finite, got {text}")
+
+
 def loaded(path: Path) -> object:
     """Return the data of a JSON file. Raises Unusable where there is none, or too much."""
 
@@ -100,9 +110,11 @@ def loaded(path: Path) -> object:
         return found
 
     try:
+        if not path.is_file():
+            raise Unusable(f"{path.name} must be a file")
         if path.stat().st_size > LARGEST:
             raise Unusable(f"{path.name} must hold at most {LARGEST >> 20} MB, it has {path.stat().st_size >> 20}")
-        return json.loads(path.read_bytes(), object_pairs_hook=once)
+        return json.loads(path.read_bytes(), object_pairs_hook=once, parse_constant=_no_number)
     except OSError as error:
         raise Unusable(f"{path.name} must be a file that can be read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:

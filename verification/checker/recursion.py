@@ -11,7 +11,7 @@ from flint import fmpq
 from verification.checker.bounds import Quantity, Shown, ends
 from verification.checker.graph import Graph
 from verification.checker.interval import INF, Known, Span, hull
-from verification.checker.reading import Rejected, exact, need, number, record, rows, whole
+from verification.checker.reading import Json, Rejected, exact, need, number, record, rows, whole
 
 
 def _up(value: float) -> float:
@@ -55,7 +55,7 @@ def check_rows(statement: object, shown: Sequence[Shown | None], graph: Graph) -
     """Check that row sums are at most r (over earlier samples) and p (over all)."""
     _, samples, given, less, most = record(statement, "bounds", "samples", "weight", "r", "p")
     n, weight, r, p = whole(samples, 1, 10**7), number(given), number(less), number(most)
-    need(weight > 0, "the weight must be above 0")
+    need(weight > 0 and n * (len(graph.ports["x"]) + 1) ** 2 <= 10**7, "too many samples, or a weight of 0 or less")
     earlier, every = row_sums(shown, graph, n, weight)
     need(earlier <= r and every <= p, f"row sums must be smaller, they come to {earlier!r} and {every!r}")
     said = f"the sum of |dy(k)/du(j)| {weight!r}^(k-j) is at most {r!r} over j < k, and {p!r} over j <= k"
@@ -105,6 +105,7 @@ class Sets:
         states, start, by, count, others, plan, reference, noise, gain, self.bands = record(statement, *names)
         self.of = {name: i for i, name in enumerate(graph.coordinates)}
         need(sorted([*rows(states), by, count, *others]) == sorted(self.of), "every coordinate must have its part")
+        need(states == graph.ports["x"], f"the states must be those of the graph, {graph.ports['x']}")
         self.states, self.by, self.count, self.n = states, self.of[by], self.of[count], len(rows(plan))
         self.others = {self.of[name]: [span_of(one) for one in rows(ends)] for name, ends in others.items()}
         need(all(len(one) in (1, self.n) for one in self.others.values()), "ranges must be one, or one a sample")
@@ -116,6 +117,7 @@ class Sets:
         self.width = len(self.of) + len(graph.inner)
         at = {self.of[name]: sorted(number(cut) for cut in rows(given)) for name, given in cuts.items()}
         self.inner = [_Inner(graph, node, self.width, at) for node in graph.inner]
+        need(all(one.along != self.by for one in self.inner), "what depends on the input must not stand apart")
         self.next = [Quantity(graph, graph.outputs[f"next_{i}", 0, 0], None) for i in range(len(states))]
         self.gained = Quantity(graph, graph.outputs["gained", 0, 0], None)
         self.slope = Quantity(graph, self.gained.node, self.by)
@@ -155,7 +157,7 @@ class Sets:
         return b
 
 
-def check_funnel(statement: object, proof: object, graph: Graph) -> tuple[str, dict[str, fmpq]]:
+def check_funnel(statement: Json, proof: object, graph: Graph) -> tuple[str, dict[str, fmpq]]:
     """Check that sets hold every trial of a law that learns u <- u + l e, e the error of the output's increment.
 
     The sets U(k) of inputs are given. With X(0) around every start and X(k+1) around the next states of X(k) x U(k),
@@ -179,8 +181,11 @@ def check_funnel(statement: object, proof: object, graph: Graph) -> tuple[str, d
         need(all(low <= one[0] and one[1] <= high for one in spans), f"the band of {name} must hold its sets")
         said.append(f"{name} in [{low!r}, {high!r}]")
     facts = {"b_low": min(one[0] for one in slopes), "b_high": max(one[1] for one in slopes), "l_max": sets.l_max}
-    words = f"whatever the gain in [0, {sets.l_max!r}] at each sample and trial: {', '.join(said)}."
-    return f"In every trial of {sets.n} samples or less, {words}", {
+    around = [(f"first {name}", [span_of(one)]) for name, one in zip(sets.states, statement["start"], strict=True)]
+    around += [(graph.coordinates[i], given) for i, given in sets.others.items()]
+    of = ", ".join(f"{name} in [{min(one)[0]!r}, {max(e for _, e in one)!r}]" for name, one in around)
+    words = f"with {of} and noise of at most {sets.spread / 2}, whatever the gain in [0, {sets.l_max!r}] at each sample"
+    return f"In every trial of {sets.n} samples or less, {words} and trial: {', '.join(said)}.", {
         name: exact(one.hex()) for name, one in facts.items()
     }
 

@@ -192,7 +192,7 @@ def test_the_funnel_of_an_integrator_is_what_it_is():
         ("gain", (1.9).hex(), "moved out of their set"),
         ("noise", (0.1).hex(), "must lie between"),
         ("plan", [(0.9).hex()] * N, "plan and targets"),
-        ("bands", [["0x0p+0", "0x0p+0"], made.statement["bands"][1]], "must hold its sets"),
+        ("bands", [[(0.0).hex()] * 2, made.statement["bands"][1]], "must hold its sets"),
         ("reference", [(2 * one).hex() for one in RAMP], "must lie between"),
     ):
         other = Certificate(
