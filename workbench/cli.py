@@ -240,6 +240,23 @@ def replay(
 
 
 @app.command()
+def recheck(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="a folder that verify wrote")],
+) -> None:
+    """Check the certificates that verify wrote, by a program that shares nothing with the one that made them.
+
+    Exit status: 0 every certificate is accepted, 2 one is not, or bad usage or input.
+    """
+    unhidden("verification")
+    from verification.decide.recheck import recheck as recheck_folder
+
+    with _computing():
+        found = recheck_folder(out)
+    _print_lines(found.lines())
+    raise typer.Exit(0 if found.stands else 2)
+
+
+@app.command()
 def compare(
     name: Name,
     laws: Annotated[

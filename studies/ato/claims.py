@@ -12,18 +12,19 @@ from studies.ato import effects, outcomes
 from studies.ato.evidence import Evidence, Immune, is_immune
 from studies.ato.outcomes import JERK_LIMIT
 from studies.ato.published import EXPECTED, tables
-from studies.ato.stimulus import f_continuous, held_by, jump_margin
+from studies.ato.stimulus import continuity
 from studies.ato.study import own
-from workbench.contracts.claim import Claim, Held, Role
+from workbench.contracts.claim import Claim, Role
 from workbench.contracts.examination import Examination
-from workbench.contracts.finding import Finding, Standing
+from workbench.contracts.finding import Standing
 from workbench.contracts.study import Study
 from workbench.contracts.verdict import Verdict
 from workbench.trials.campaign import Campaign
 
-__all__ = ["examine", "f_continuous"]
 PAPER = "Chu, Yu, Lin, Yuan & Jiang"
 GAIN = "a gain p1 - p2 f"
+NOTHING_NEXT = "dy(k+1)/du(k) = 0 at every sample k of the horizon: u(k) does not stand in y(k+1)"
+BY_DEAD_TIME = "at every sample k, u(k) first reaches y(k+1+d), d being the dead time that stands at sample k"
 CURVE = "a speed curve: a unit step is no train's trip, and its jerk is that of the step"
 
 
@@ -71,21 +72,23 @@ def _degrees(study: Study) -> list[Claim]:
     return [
         Claim(
             name="ato.relative_degree",
-            statement="dy(k+1)/du(k) = 0 at every sample k of the horizon: u(k) does not stand in y(k+1)",
+            statement=NOTHING_NEXT,
             source="repaired: the derivative must be that of a later sample",
             check=partial(effects.nothing_next, study),
             role=Role.REPAIRED,
             replay=partial(effects.nothing_next_margin, study),
             attack=partial(effects.held_by_pulses, study),
+            certify=lambda found, premises: effects.nothing_next_certificate(NOTHING_NEXT, study),
         ),
         Claim(
             name="ato.relative_degree.dead_time",
-            statement="at every sample k, u(k) first reaches y(k+1+d), d being the dead time that stands at sample k",
+            statement=BY_DEAD_TIME,
             source="ours: what a dead time that does not switch makes true",
             check=partial(effects.by_dead_time, study),
             role=Role.REPAIRED,
             replay=partial(effects.by_dead_time_margin, study),
             attack=partial(effects.held_by_dead_times, study),
+            certify=lambda found, premises: effects.dead_time_certificate(BY_DEAD_TIME, study),
         ),
         Claim(
             name="ato.relative_degree.printed",
@@ -100,20 +103,7 @@ def _degrees(study: Study) -> list[Claim]:
 
 def _continuous(campaign: Campaign, name: str) -> Claim:
     law = cast(Immune, campaign.study.controllers[name])
-
-    def attack(_: Finding) -> Held:
-        return held_by(law.f, law.input_unit, campaign.data, name)
-
-    return Claim(
-        name="ato.f_continuous",
-        statement="the stimulus f(u, du) is continuous",
-        source=f"{PAPER}, fuzzy rules with the mean of maxima; smooth form: ours",
-        check=partial(f_continuous, law.f),
-        controller=name,
-        role=Role.PRINTED if law.f == "rules" else Role.REPAIRED,
-        replay=partial(jump_margin, law.f),
-        attack=attack,
-    )
+    return continuity("ato", law.f, law.input_unit, campaign.data, name)
 
 
 def _network(evidence: Evidence, names: Sequence[str]) -> list[Claim]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from fractions import Fraction
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -13,9 +14,12 @@ from numpy.typing import NDArray
 from models.array import Array
 from models.plant import Plant
 from studies.ato.study import own
+from verification.certificates.identity import Side, constant, identity
+from verification.certificates.theorem import theorem
 from verification.enclosure.interval import evaluate
 from verification.enclosure.rewriting import rewritten
-from workbench.contracts.claim import Held
+from workbench.contracts.certificate import Certificate
+from workbench.contracts.claim import Held, NotCertified
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.contracts.study import Study
 
@@ -80,6 +84,37 @@ def _effects(plant: Plant, samples: int) -> Effects:
     hit = (row == degrees - 1) & (degrees > 0)
     told = bool(((low == 0) & (high == 0))[before].all() and ((low > 0) | (high < 0))[hit].all())
     return Effects(degrees, low, high, told)
+
+
+def _later(plant: Plant, samples: int) -> ca.Function:
+    """Return y(k+1), ..., y(k+j-1) as ``before`` and y(k+j) as ``effect`` of x(k), u(k), later inputs, all w and k."""
+    at = plant.symbols()
+    u = ca.SX.sym("u")
+    later, w = ca.SX.sym("later", samples - 1), ca.SX.sym("w", len(plant.disturbances), samples)
+    x, seen = at["x"], []
+    for after in range(samples):
+        x = plant.next_state(x, later[after - 1] if after else u, w[:, after], at["k"] + after)
+        seen.append(plant.measured(x)[0])
+    given, outputs = [at["x"], u, later, w, at["k"]], [ca.vertcat(*seen[:-1]), seen[-1]]
+    return ca.Function("later", given, outputs, ["x", "u", "later", "w", "k"], ["before", "effect"])
+
+
+def nothing_next_certificate(says: str, study: Study) -> Certificate:
+    """Return the certificate that u(k) does not stand in y(k+1), for every state, input and k."""
+    return identity(says, _later(study.plant_that_runs, 1), [(("effect", 0, 0, "u"), Fraction(0))])
+
+
+def dead_time_certificate(says: str, study: Study) -> Certificate:
+    """Return the certificate that u(k) stands in y(k+1+d) by a factor that is not 0, and in no output before.
+
+    Raises NotCertified where dead times differ.
+    """
+    late = np.unique(own(study).dead_times)
+    if late.size > 1:
+        raise NotCertified(f"the dead time must be one for all samples, got {', '.join(map(str, late))} samples")
+    of, first = _later(study.plant_that_runs, int(late[0]) + 1), ("effect", 0, 0, "u")
+    nothing: list[tuple[Side, Side]] = [(("before", i, 0, "u"), Fraction(0)) for i in range(int(late[0]))]
+    return theorem("effect", slopes=identity(says, of, [*nothing, (first, constant(of, first))]))
 
 
 def seen_after(plant: Plant, k: int, limit: int = LIMIT) -> tuple[int, float]:

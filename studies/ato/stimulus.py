@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 
 import casadi as ca
 import numpy as np
 import xarray as xr
 
+from verification.certificates.bounds import Ask, bounds
 from verification.checks.jump import find_jump
+from verification.enclosure.box import Box
 from verification.enclosure.smoothness import continuous_everywhere
-from workbench.contracts.claim import Held
+from workbench.contracts.certificate import Certificate
+from workbench.contracts.claim import Claim, Held, Range, Role
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.controllers.parts import immune
+from workbench.graph import read
 
+FAR = 1e6
+"""How far from zero inputs are spoken of: no law commands as much, in the units that it computes in."""
 NEAR = 12
 """Decimals to which the point of a jump is given: rounding of the memberships moves it by 1e-16."""
 LEAST = 1e-3
@@ -30,6 +36,30 @@ def compiled(kind: str) -> ca.Function:
     """Return the stimulus of a kind, the expression that the laws run, as a Function (u, du) -> f."""
     u, du = ca.SX.sym("u"), ca.SX.sym("du")
     return ca.Function("stimulus", [u, du], [immune.stimulus(kind, u, du)], ["u", "du"], ["f"])
+
+
+def continuity(study: str, kind: str, unit: float, data: xr.Dataset, name: str) -> Claim:
+    """Return the claim of a study that the stimulus of a controller's law is continuous.
+
+    ``unit`` is the unit of the input that the law computes in, ``data`` the record that it is held against.
+    """
+    return Claim(
+        name=f"{study}.f_continuous",
+        statement=f"the stimulus f(u, du) is continuous wherever |u| and |du| are at most {FAR:g} of the law's units",
+        source="Chu, Yu, Lin, Yuan & Jiang, fuzzy rules with the mean of maxima; smooth form: ours",
+        check=partial(f_continuous, kind),
+        controller=name,
+        role=Role.PRINTED if kind == "rules" else Role.REPAIRED,
+        scope=lambda: {"u": Range(-FAR, FAR, "1"), "du": Range(-FAR, FAR, "1")},
+        replay=partial(jump_margin, kind),
+        attack=lambda _: held_by(kind, unit, data, name),
+        certify=lambda found, premises: _certified(kind),
+    )
+
+
+def _certified(kind: str) -> Certificate:
+    far = Box({"u": (-FAR, FAR), "du": (-FAR, FAR)})
+    return bounds(read(compiled(kind)), far, {}, [Ask(("f", 0, 0), None, "continuous")])
 
 
 def f_continuous(kind: str) -> Finding:
@@ -86,10 +116,11 @@ def held_by(kind: str, unit: float, data: xr.Dataset, name: str) -> Held:
     ``unit`` is the unit of the input that the law computes in.
     """
     one = data.sel(controller=name)
-    if "f" not in one:
+    row = "f" if "f" in one else "law_f"
+    if row not in one:
         return Held(0, 0.0, {})
-    u = np.r_[0.0, 0.0, one["input"].values[-1, :-1]] / unit
-    told = one["f"].values[-1, : u.size - 2]
+    u = np.r_[0.0, 0.0, np.ravel(one["input"].values[-1])[:-1]] / unit
+    told = one[row].values[-1, : u.size - 2]
     before, change = u[1:-1], u[1:-1] - u[:-2]
     known = np.isfinite(before) & np.isfinite(change) & np.isfinite(told)
     expected = compiled(kind).map(u.size - 2)(before[None, :], change[None, :]).full().ravel()

@@ -12,6 +12,7 @@ from studies.maglev.equations import decrease, error_dynamics
 from studies.maglev.evidence import Evidence, within_the_period
 from studies.maglev.figures import error_by_period, figures
 from studies.maglev.outcomes import (
+    POSITIVE,
     SAMPLED,
     SLACK,
     contraction,
@@ -19,6 +20,7 @@ from studies.maglev.outcomes import (
     gain_as_published,
     noise_claim,
     periodicity,
+    positive,
     positivity,
     replayed_gain,
     saturation_windup,
@@ -32,6 +34,8 @@ from workbench.contracts.examination import Examination, Figure
 from workbench.contracts.finding import Standing
 from workbench.contracts.verdict import Verdict
 from workbench.trials.campaign import Campaign
+
+DYNAMICS = "de_v/dt = -(alpha + lambda + k/M) e_v - lambda (alpha + k/M) e_x + (d_hat(t - P) - d)/M."
 
 
 def examine(campaign: Campaign, *, full: bool = False) -> Examination:
@@ -95,11 +99,12 @@ def _of_learner(evidence: Evidence, name: str, given: Premises, periodic: Claim)
     claims = [
         Claim(
             name="maglev.positivity",
-            statement="alpha, lambda and k are positive.",
+            statement=POSITIVE,
             source=f"{PAPER}, (10), (12), (13)",
             check=partial(positivity, evidence, name),
             controller=name,
             role=Role.PRINTED,
+            certify=lambda found, premises: positive(evidence, name),
         ),
         Claim(
             name="maglev.period_contraction",
@@ -135,7 +140,7 @@ def _of_learner(evidence: Evidence, name: str, given: Premises, periodic: Claim)
     ready = cache(partial(evidence.study.law, name))
     dynamics = Claim(
         name="maglev.error_dynamics",
-        statement="de_v/dt = -(alpha + lambda + k/M) e_v - lambda (alpha + k/M) e_x + (d_hat(t - P) - d)/M.",
+        statement=DYNAMICS,
         source=f"{PAPER}, (6), (8)-(13)",
         check=lambda: error_dynamics(ready(), evidence.train).finding(),
         controller=name,
@@ -144,6 +149,7 @@ def _of_learner(evidence: Evidence, name: str, given: Premises, periodic: Claim)
         premises=algebra,
         replay=lambda witness: error_dynamics(ready(), evidence.train).replay(witness),
         attack=lambda _: error_dynamics(ready(), evidence.train).held(),
+        certify=lambda found, premises: error_dynamics(ready(), evidence.train).certificate(DYNAMICS),
     )
     sampled = Claim(
         name="maglev.lyapunov_sampled",

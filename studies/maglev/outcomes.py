@@ -15,6 +15,8 @@ from studies.maglev import lyapunov, period_contraction
 from studies.maglev.evidence import Evidence, Shuttling
 from studies.maglev.published import PUBLISHED_GAIN, PUBLISHED_STEP
 from studies.maglev.study import NOISY
+from verification.certificates.numbers import numbers
+from workbench.contracts.certificate import Certificate
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.controllers.parts.shuttle_force import errors
 from workbench.trials.campaign import Campaign
@@ -23,6 +25,7 @@ SLACK = 0.01
 """Growth a period that ``period_contraction`` lets pass: holding the force over a sample costs some 0.1 %."""
 SAMPLED = 0.1
 """Share by which V may fall otherwise under a held force than under one that follows the errors at every instant."""
+POSITIVE = "alpha, lambda and k are positive."
 GROWING = 10
 """Periods at the end over which ``saturation_windup`` looks for growth."""
 
@@ -92,6 +95,24 @@ def positivity(evidence: Evidence, name: str) -> Finding:
         margin=float(gains[least]),
         unit={"k": "kg/s"}.get(least, "1/s"),
         witness={gain: float(value) for gain, value in gains.items()},
+    )
+
+
+def positive(evidence: Evidence, name: str) -> Certificate:
+    """Return the certificate that the gains are positive."""
+    law = evidence.learner(name)
+    gamma, mass = Fraction(law.gamma), Fraction(evidence.train.mass)
+    return numbers(
+        POSITIVE,
+        {
+            "alpha": (Fraction(law.alpha), "1/s"),
+            "lambda": (Fraction(law.lam), "1/s"),
+            "k": (gamma * mass, "kg/s"),
+            "k over M": (gamma, "1/s"),
+            "M": (mass, "kg"),
+        },
+        ("=", "k", ("*", "k over M", "M")),
+        *((">", gain, 0) for gain in ("alpha", "lambda", "k")),
     )
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import cast
 
+from models.vehicle import Vehicle
 from studies.maglev.evidence import Evidence, Learner
-from verification.checks import settled
+from verification.checks import premises, settled
 from workbench.contracts.claim import Claim
 
 PAPER = "Zhang, Nan, Cao et al., PALC of a maglev train"
@@ -24,6 +25,8 @@ class Premises:
             "A period begins where the last one ended.",
             PAPER,
             lambda: None if study.continues else "every period begins anew, so S jumps between periods",
+            facts=lambda: {"a trial goes on where the last one ended": (int(study.continues), "")},
+            holds=[("=", "a trial goes on where the last one ended", 1)],
         )
         self.whole = settled.whole_trials(study, PAPER)
 
@@ -41,18 +44,29 @@ class Premises:
             return f"the period that the law assumes is wrong by {late} samples" if late else None
 
         return settled.settled(
-            "maglev.premise.period", "The law knows the period.", f"{PAPER}, (13)", why, controller=name
+            "maglev.premise.period",
+            "The law knows the period.",
+            f"{PAPER}, (13)",
+            why,
+            facts=lambda: {"samples by which the period is wrong": (self.evidence.learner(name).late, "")},
+            controller=name,
         )
 
     def _model(self, name: str) -> Claim:
-        def why() -> str | None:
-            known = cast(Learner, self.evidence.study.law(name)).model
-            return None if known == self.evidence.train else "the law's mass or running resistance is not the train's"
+        def known() -> Vehicle | None:
+            return cast(Learner, self.evidence.study.law(name)).model
 
+        def why() -> str | None:
+            same = known() == self.evidence.train
+            return None if same else "the law's mass or running resistance is not the train's"
+
+        of = "the train", "the law's model"
         return settled.settled(
             "maglev.premise.model",
             "The law knows the train's mass and running resistance.",
             f"{PAPER}, (12)",
             why,
+            facts=lambda: {**premises.entries(self.evidence.train, of[0]), **premises.entries(known(), of[1])},
+            holds=[("=", fact, fact.replace(*of)) for fact in premises.entries(self.evidence.train, of[0])],
             controller=name,
         )

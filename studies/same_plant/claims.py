@@ -9,18 +9,23 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cache, partial
+from typing import cast
 
 import numpy as np
 import xarray as xr
 
 from models.actuator import Actuator
 from models.plant import Plant
-from models.quantity import symbolised
-from studies.ato.claims import f_continuous
+from models.quantity import is_declared, symbolised, walked
+from studies.ato.evidence import Immune
+from studies.ato.stimulus import continuity
 from studies.same_plant.published import EXPECTED
+from verification.certificates.numbers import Number, Relation, numbers
+from verification.checks import premises
 from verification.checks.linear_loop import incremental_pid, observed, positional_pid, spectral_radius
 from verification.decide.judge import Judge
-from verification.theorems import learning
+from verification.theorems import learning, learning_scores
+from workbench.contracts.certificate import Certificate
 from workbench.contracts.claim import Claim, Role
 from workbench.contracts.examination import Examination, Table
 from workbench.contracts.finding import Finding, Grounds, Standing, undecided
@@ -33,6 +38,8 @@ from workbench.design.table import settled, table
 from workbench.design.tuning import PROCEDURE
 from workbench.trials.campaign import Campaign
 
+UNSATURATED = "the command of the last trial is never cut by limits: the plant is as smooth as proofs need it"
+KNOWN = "the law knows the plant: all quantities of the plant that runs are those that it was told"
 SOLVED = 0.01
 POINTS = 9  # along the reference, at which the loop is linearised
 NEEDED = {
@@ -56,7 +63,7 @@ def examine(campaign: Campaign, *, full: bool = False) -> Examination:
         claims=claims,
         conclude=partial(_conclude, campaign),
         tables=partial(_tables, campaign, claims),
-        scores=partial(learning.scores, ran, files),
+        scores=partial(learning_scores.scores, ran, files),
         expectations=EXPECTED,
     )
 
@@ -67,10 +74,11 @@ def _acting(ran: Campaign, name: str, law: AnyLaw) -> list[Claim]:
         Claim(
             name="same-plant.unsaturated",
             role=Role.OUTCOME,
-            statement="the command of the last trial is never cut by limits: the plant is as smooth as proofs need it",
+            statement=UNSATURATED,
             source="ours",
             check=partial(_unsaturated, ran, name),
             controller=name,
+            certify=lambda found, premises: _unsaturated_certificate(ran.study),
         )
     ]
     if "model" in law.told and law.learns_on is not None:
@@ -78,10 +86,11 @@ def _acting(ran: Campaign, name: str, law: AnyLaw) -> list[Claim]:
             Claim(
                 name="same-plant.known_model",
                 role=Role.REPAIRED,
-                statement="the law knows the plant: all quantities of the plant that runs are those that it was told",
+                statement=KNOWN,
                 source=f"{law.origin}: feed-forward and compensation use the model",
                 check=partial(_known_model, ran.study),
                 controller=name,
+                certify=lambda found, premises: _model_certificate(ran.study),
             )
         )
     if law.slope_learning is not None:
@@ -116,16 +125,8 @@ def _of_pid(ran: Campaign, name: str, pid: PIDAction | None) -> list[Claim]:
         return []
     claims = []
     if pid.stimulus is not None:
-        claims.append(
-            Claim(
-                name="same-plant.f_continuous",
-                role=Role.PRINTED,
-                statement="the stimulus f(u, du) is continuous",
-                source="Chu, Yu, Lin, Yuan & Jiang, fuzzy rules with the mean of maxima; smooth form: ours",
-                check=partial(f_continuous, pid.stimulus),
-                controller=name,
-            )
-        )
+        unit = cast(Immune, ran.study.controllers[name]).input_unit
+        claims.append(continuity("same-plant", pid.stimulus, unit, ran.data, name))
     claims.append(
         Claim(
             name="same-plant.stable_loop",
@@ -192,6 +193,25 @@ def _known_model(study: Study) -> Finding:
         witness=known,
         method="the settings of the plant, believed and true",
     )
+
+
+def _unsaturated_certificate(study: Study) -> Certificate:
+    facts = premises.between(study)
+    return numbers(UNSATURATED, facts, *(("=", fact, 0) for fact in facts))
+
+
+def _model_certificate(study: Study) -> Certificate:
+    """Return the certificate that every quantity is in every trial what the law was told."""
+    told = dict(zip(*symbolised(study.plant)[1::2], strict=True))
+    units = {path: spec.unit for path, spec, _ in walked(study.plant, lambda _, inner: is_declared(inner))}
+    facts: dict[str, tuple[Number, str]] = {f"{name} as told": (value, units[name]) for name, value in told.items()}
+    holds: list[Relation] = []
+    for name, departure in study.scenario.truth.items():
+        for end, factor in zip(("least", "largest"), departure.range, strict=True):
+            facts[f"{end} factor of {name}"] = (factor, "1")
+            holds.append(("=", f"{name} as told", ("*", f"{end} factor of {name}", f"{name} as told")))
+    facts["quantities that may be others"] = (len(study.scenario.truth.keys() - told.keys()), "")
+    return numbers(KNOWN, facts, ("=", "quantities that may be others", 0), *holds)
 
 
 def _contraction(study: Study, learning: SlopeLearning) -> Finding:

@@ -8,8 +8,10 @@ from functools import partial
 import numpy as np
 
 from studies.stopping.settings import Stopping, own
+from verification.checks import exact_tube
 from verification.checks import predictive as predictive_checks
 from verification.checks import tube as tube_checks
+from workbench.contracts.certificate import Certificate
 from workbench.contracts.claim import Claim, Held, Role
 from workbench.contracts.finding import Finding
 from workbench.contracts.study import Study
@@ -18,30 +20,62 @@ from workbench.predictive import Tube
 PAPER = "Liu, Xun, Gao & Yin 2022"
 Margin = Callable[[Tube, Mapping[str, object]], float]
 """The margin of a claim about a tube at a witness."""
+Make = Callable[[Tube], exact_tube.Shown]
+"""Shows a claim about a tube in exact arithmetic, with its certificate."""
 Replay = Callable[[Mapping[str, object]], float]
 
 
 def design_claims(study: Study, horizons: Sequence[int]) -> list[Claim]:
     """Return what must hold of the gain, the weights and the sets, the tightening up to the longest horizon."""
     settings = own(study)
-    checks = [
-        ("schur", "A + b K is Schur", "(15), repaired: the paper prints Hurwitz", Role.REPAIRED, tube_checks.schur),
+    checks: list[tuple[str, str, str, Role, Callable[[Tube], Finding], Make | None]] = [
+        (
+            "schur",
+            "A + b K is Schur",
+            "(15), repaired: the paper prints Hurwitz",
+            Role.REPAIRED,
+            tube_checks.schur,
+            exact_tube.schur,
+        ),
         (
             "hurwitz_as_printed",
             "A + b K is Hurwitz: every eigenvalue has a negative real part",
             "step 1 of the algorithm, as printed",
             Role.PRINTED,
             tube_checks.hurwitz_as_printed,
+            None,
         ),
-        ("lyapunov", "P satisfies (19) with equality", "(19)", Role.PRINTED, tube_checks.lyapunov),
-        ("lmi20", "the matrix of (20) is positive semidefinite", "(20)", Role.PRINTED, tube_checks.lmi20),
-        ("tube_inside", "Z, the tube in the end, lies inside Sigma", "(16)", Role.PRINTED, tube_checks.tube_inside),
+        (
+            "lyapunov",
+            "P satisfies (19) with equality, but for a residual between -1e-9 P and 1e-9 P",
+            "(19), repaired: P is stored in doubles, with which no equality holds",
+            Role.REPAIRED,
+            tube_checks.lyapunov,
+            exact_tube.equality,
+        ),
+        (
+            "lmi20",
+            "the matrix of (20) is positive semidefinite, P raised by no more than 1e-9 of itself",
+            "(20), repaired: with P as stored, it is singular but for rounding to either side",
+            Role.REPAIRED,
+            tube_checks.lmi20,
+            exact_tube.raised,
+        ),
+        (
+            "tube_inside",
+            "Z, the tube in the end, lies inside Sigma",
+            "(16)",
+            Role.PRINTED,
+            tube_checks.tube_inside,
+            exact_tube.limit_inside,
+        ),
         (
             "rpi",
-            "Sigma is robust positively invariant",
-            "(16), repaired: Z in Sigma in Sigma_0 is not enough",
+            "Sigma, drawn in by no more than 1e-9 of its width, is robust positively invariant",
+            "(16), repaired: Z in Sigma in Sigma_0 is not enough, and rows in doubles exceed by rounding",
             Role.REPAIRED,
             tube_checks.rpi,
+            exact_tube.invariant,
         ),
     ]
     claims = [
@@ -53,8 +87,9 @@ def design_claims(study: Study, horizons: Sequence[int]) -> list[Claim]:
             role=role,
             replay=partial(_replayed, settings, tube_checks.rpi_margin if name == "rpi" else _computed_again(check)),
             attack=partial(_held, settings) if name == "schur" else None,
+            certify=None if make is None else partial(_certified, settings, make),
         )
-        for name, statement, source, role, check in checks
+        for name, statement, source, role, check, make in checks
     ]
     claims += [
         Claim(
@@ -65,6 +100,7 @@ def design_claims(study: Study, horizons: Sequence[int]) -> list[Claim]:
             controller=f"rsmpc-n{N}",
             role=Role.PRINTED,
             replay=partial(_replayed, settings, partial(_horizon27_margin, N)),
+            certify=partial(_certified, settings, partial(_horizon27_shown, N)),
         )
         for N in own(study).lengths
     ]
@@ -73,7 +109,8 @@ def design_claims(study: Study, horizons: Sequence[int]) -> list[Claim]:
     claims.append(
         Claim(
             name="stopping.tightening_sound",
-            statement="no disturbance of W moves the true error further from a plan than the bounds were tightened by",
+            statement="no disturbance of W moves the true error further from a plan than the bounds were tightened by, "
+            "but for 1e-9 of their width",
             source=f"{PAPER}, (14), (26), repaired: A^l W and the prediction error over the dead time",
             check=partial(
                 _on_tube,
@@ -82,6 +119,7 @@ def design_claims(study: Study, horizons: Sequence[int]) -> list[Claim]:
             ),
             role=Role.REPAIRED,
             replay=partial(_replayed, settings, tube_checks.tightening_margin),
+            certify=partial(_certified, settings, partial(_tightening_shown, longest, holds)),
         )
     )
     return claims
@@ -89,6 +127,18 @@ def design_claims(study: Study, horizons: Sequence[int]) -> list[Claim]:
 
 def _on_tube(settings: Stopping, check: Callable[[Tube], Finding]) -> Finding:
     return check(settings.design)
+
+
+def _certified(settings: Stopping, make: Make, _: Finding, __: Mapping[str, Certificate]) -> Certificate:
+    return make(settings.design).certificate
+
+
+def _horizon27_shown(N: int, tube: Tube) -> exact_tube.Shown:
+    return exact_tube.horizon27(tube, N)
+
+
+def _tightening_shown(stages: int, holds: tuple[int, ...], tube: Tube) -> exact_tube.Shown:
+    return exact_tube.tightening(tube, stages, holds)
 
 
 def _held(settings: Stopping, finding: Finding) -> Held:

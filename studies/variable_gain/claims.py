@@ -10,8 +10,10 @@ import numpy as np
 from matplotlib.figure import Figure as Drawn
 
 from studies.variable_gain.direct_term import (
+    answered,
     answers_at,
     answers_at_once,
+    contracting,
     contraction,
     contracts_at,
     held_terms,
@@ -36,7 +38,7 @@ from studies.variable_gain.published import EXPECTED, tables, varies
 from studies.variable_gain.study import MISMATCH, NOISE, NOT_LEARNED
 from verification.checks import settled
 from verification.checks.initial_state import converges_at, converges_from
-from verification.checks.lipschitz import held_slopes, jump_at, lipschitz
+from verification.checks.lipschitz import certified, held_slopes, jump_at, lipschitz
 from workbench.contracts.claim import Claim, Range, Role
 from workbench.contracts.examination import Examination, Figure
 from workbench.contracts.finding import Standing
@@ -50,6 +52,12 @@ STARTS = 20
 """How many random starts ``global_initial_convergence`` tries."""
 BOX, BANDS = ((-50.0, -2.0), (1550.0, 25.0)), (-2.0, -0.3, -0.05, 0.0, 0.05, 0.3, 25.0)
 """States (m, m/s) on which ``lipschitz_box`` looks, and the bands of speed that it cuts them into."""
+
+ANSWERS = "The speed answers the force after one differentiation (the repair: learn from the speed)."
+LEARNING = "The force of the next trial is F + lambda de_v/dt, and no feedback acts within the trial."
+RATIO = "The initial position error shrinks by exactly 1 - lambda_0 from one trial to the next."
+"""Statements that certificates say too."""
+INPUT_GAIN = "dv/dt answers the force by the factor b."
 
 
 def examine(campaign: Campaign, *, full: bool = False) -> Examination:
@@ -109,13 +117,14 @@ def _of_the_plant(study: Study, given: Premises) -> list[Claim]:
         ),
         Claim(
             name="variable-gain.relative_degree_speed",
-            statement="The speed answers the force after one differentiation (the repair: learn from the speed).",
+            statement=ANSWERS,
             source=f"ours, after {PATENT}, (2)",
             check=partial(answers_at_once, plant, speed),
             role=Role.REPAIRED,
             premises=settings,
             replay=partial(answers_at, plant),
             attack=partial(held_terms, plant),
+            certify=lambda found, premises: answered(ANSWERS, plant, SPEED_ROW),
         ),
         Claim(
             name="variable-gain.lipschitz_box",
@@ -127,6 +136,7 @@ def _of_the_plant(study: Study, given: Premises) -> list[Claim]:
             scope=_box,
             replay=partial(jump_at, plant),
             attack=partial(held_slopes, plant, *BOX),
+            certify=partial(certified, plant),
         ),
         Claim(
             name="variable-gain.lipschitz_box_between_portals",
@@ -138,6 +148,7 @@ def _of_the_plant(study: Study, given: Premises) -> list[Claim]:
             scope=_box,
             replay=partial(jump_at, open_tunnels),
             attack=partial(held_slopes, open_tunnels, *BOX),
+            certify=partial(certified, open_tunnels),
         ),
     ]
 
@@ -157,7 +168,7 @@ def _of_a_law(evidence: Variants, name: str, given: Premises) -> list[Claim]:
     lacks = "a task that suits the law" if refused else ""
     learning = Claim(
         name="variable-gain.learning_law",
-        statement="The force of the next trial is F + lambda de_v/dt, and no feedback acts within the trial.",
+        statement=LEARNING,
         source=f"{PATENT}, (3)",
         check=lambda: learned().finding(),
         controller=name,
@@ -165,6 +176,7 @@ def _of_a_law(evidence: Variants, name: str, given: Premises) -> list[Claim]:
         lacks=lacks,
         replay=lambda witness: learned().replay(witness),
         attack=lambda _: learned().held(),
+        certify=lambda found, premises: learned().certificate(LEARNING),
     )
     return [
         learning,
@@ -180,10 +192,11 @@ def _of_a_law(evidence: Variants, name: str, given: Premises) -> list[Claim]:
             scope=lambda: {"learning gain": Range(float(law().gains.low), float(law().gains.high), "1")},
             replay=lambda witness: contracts_at(plant, SPEED_ROW, law(), witness),
             attack=lambda finding: held_gains(evidence, name, law(), finding),
+            certify=lambda found, premises: contracting(INPUT_GAIN, plant, SPEED_ROW, law().gain_certificate()),
         ),
         Claim(
             name="variable-gain.initial_state_ratio",
-            statement="The initial position error shrinks by exactly 1 - lambda_0 from one trial to the next.",
+            statement=RATIO,
             source=f"{PATENT}, (5)",
             check=lambda: initial_state_ratio(law(), ratio()),
             controller=name,
@@ -192,6 +205,7 @@ def _of_a_law(evidence: Variants, name: str, given: Premises) -> list[Claim]:
             premises=[given.start, given.position],
             replay=lambda witness: ratio().replay(witness),
             attack=lambda finding: held_ratio(evidence, name, finding),
+            certify=lambda found, premises: law().ratio_certificate(RATIO),
         ),
         Claim(
             name="variable-gain.global_initial_convergence",

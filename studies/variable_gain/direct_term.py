@@ -10,8 +10,11 @@ import numpy as np
 
 from models.plant import Plant
 from studies.variable_gain.law_equations import LawEquations
+from verification.certificates.identity import constant, identity
+from verification.certificates.theorem import theorem
 from verification.checks.polynomial import Form, forms
-from workbench.contracts.claim import Held
+from workbench.contracts.certificate import Certificate
+from workbench.contracts.claim import Held, NotCertified
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.graph import jacobian, read
 
@@ -33,6 +36,31 @@ def direct_terms(plant: Plant) -> list[list[Form]]:
     """Return d(dy/dt)/du as normal forms, outputs by inputs, in all states, inputs and disturbances at once."""
     slopes = jacobian(read(rates(plant)), "rate", "u")
     return forms(slopes)[slopes.outputs[0].name]
+
+
+def effect(plant: Plant, output: int) -> ca.Function:
+    """Return dy/dt of one output as ``effect`` of x, the input u, w and t. Raises NotCertified for several inputs."""
+    if len(plant.inputs) != 1:
+        raise NotCertified(f"the theorem is of one input, the plant has {len(plant.inputs)}")
+    every = rates(plant)
+    x, u, w, t = (ca.SX.sym(name, *every.size_in(name)) for name in every.name_in())
+    return ca.Function("direct", [x, u, w, t], [every(x, u, w, t)[output]], ["x", "u", "w", "t"], ["effect"])
+
+
+def direct_term(says: str, plant: Plant, output: int) -> Certificate:
+    """Return the certificate that d(dy/dt)/du of an output is one number, in every state and for every input."""
+    of, place = effect(plant, output), ("effect", 0, 0, "u")
+    return identity(says, of, [(place, constant(of, place))])
+
+
+def answered(says: str, plant: Plant, output: int) -> Certificate:
+    """Return the certificate that d(dy/dt)/du of an output is a number, and not 0."""
+    return theorem("effect", slopes=direct_term(says, plant, output))
+
+
+def contracting(says: str, plant: Plant, output: int, gain: Certificate) -> Certificate:
+    """Return the certificate that |1 - b lambda| is below 1 for every lambda between the ends that ``gain`` shows."""
+    return theorem("contraction", slopes=direct_term(says, plant, output), gain=gain)
 
 
 def measured_term(plant: Plant, output: int, state: Sequence[float] = STATE, u: float = 0.0) -> float:

@@ -13,8 +13,12 @@ import numpy as np
 from models.array import Array
 from models.expression import Expression, as_expression
 from models.quantity import symbolised
+from verification.certificates.anywhere import anywhere
+from verification.certificates.numbers import numbers
+from verification.certificates.theorem import theorem
 from verification.checks.polynomial import Identity
 from verification.checks.values import values_of
+from workbench.contracts.certificate import Certificate
 from workbench.contracts.law import AnyLaw, Task, Trial
 from workbench.contracts.study import Study
 from workbench.controllers.parts.rows import joined
@@ -88,6 +92,20 @@ class LawEquations:
             return Gains(lam, lam, (silent,), True)
         low, high = values_of(self._told)
         return Gains(Fraction(low), Fraction(high), (silent, self._spike), False)
+
+    def gain_certificate(self) -> Certificate:
+        """Return the certificate of ends of the gain: it is a setting, or lies there whatever the speed errors are."""
+        if not self.tells_gain:
+            lam = self.gains.low
+            return numbers("The gain is a setting.", {"low": (lam, "1"), "high": (lam, "1")}, ("<=", "low", "high"))
+        return anywhere("The law's gain by sample, of the speed errors of a trial.", self._told, "gain")
+
+    def ratio_certificate(self, says: str) -> Certificate:
+        """Return the certificate of (5), and that 1 - lambda_0 is of size below 1."""
+        own = numbers(
+            "lambda_0 is a setting.", {"low": (self.lam0, "1"), "high": (self.lam0, "1")}, ("<=", "low", "high")
+        )
+        return theorem("shrinking", identity=self.ratio().certificate(says), gain=own)
 
     def attained(self, speed_error: Array) -> float:
         """Return the gain at the sample AT, computed by the compiled law from a trial's speed errors."""

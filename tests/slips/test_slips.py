@@ -8,12 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from slips import checking, deciding, enclosing, running, studying, tabling
+from slips import certifying, checking, deciding, enclosing, identifying, running, studying, tabling
 from slips.planting import Slip, planted
 
-SLIPS: tuple[Slip, ...] = (
-    *enclosing.SLIPS, *tabling.SLIPS, *checking.SLIPS, *deciding.SLIPS, *running.SLIPS, *studying.SLIPS
-)  # fmt: skip
+ROOMS = (enclosing, tabling, checking, certifying, identifying, deciding, running, studying)
+SLIPS: tuple[Slip, ...] = tuple(slip for room in ROOMS for slip in room.SLIPS)
 CHECKS = list(dict.fromkeys(slip.check for slip in SLIPS))
 
 

@@ -14,7 +14,7 @@ from models.brake import Brake, Halting
 from models.quantity import InvalidValue
 from models.transfer import Transfer
 from studies.ato import effects, outcomes, stimulus
-from studies.ato.claims import examine, f_continuous
+from studies.ato.claims import examine
 from studies.ato.study import BRAKING, STUDY, own
 from verification.checks.jump import find_jump
 from verification.checks.linear_loop import critical_gain, incremental_pid
@@ -284,7 +284,7 @@ def test_the_witness_of_a_draw_is_that_of_the_draw_run_alone(report):
 
 @pytest.mark.parametrize(("kind", "standing"), [("rules", REFUTED), ("smooth", PROVED)])
 def test_continuity_of_the_stimulus(kind, standing):
-    assert f_continuous(kind).standing is standing
+    assert stimulus.f_continuous(kind).standing is standing
 
 
 def test_jumps_are_found_and_steep_slopes_are_none():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,16 +15,22 @@ from models.quantity import InvalidValue
 from studies.stopping import claims
 from studies.stopping import outcomes as stopping_outcomes
 from studies.stopping.design import Control
+from studies.stopping.design_claims import _certified, design_claims
+from studies.stopping.published import EXPECTED
 from studies.stopping.settings import own
+from verification.certificates.recheck import Recheck
+from verification.checker.folder import answers
+from verification.checks import exact_tube
 from verification.checks import predictive as predictive_checks
 from verification.checks import tube as tube_checks
 from verification.checks.feasibility import simulate
-from verification.decide.judge import judge
+from verification.decide.judge import Judge, judge
 from verification.decide.verify import verify
 from verification.enclosure.exact_schur import certifies, proved_radius, proved_schur
-from workbench.contracts.claim import Role, expected_of
+from workbench.contracts.claim import NotCertified, Role, expected_of
 from workbench.contracts.finding import Grounds, Standing, plain
 from workbench.contracts.settings import assigned, in_case
+from workbench.contracts.verdict import DEFAULT
 from workbench.controllers.rmpc import RMPC
 from workbench.controllers.rsmpc import RSMPC, Selection
 from workbench.predictive.quadratic_program import Infeasible
@@ -45,7 +52,7 @@ def twisted(tube, **values):
 @pytest.mark.parametrize("check", ["schur", "lyapunov", "lmi20", "tube_inside", "rpi"])
 def test_sound_tubes_pass(tube, check):
     finding = getattr(tube_checks, check)(tube)
-    assert finding.standing is (Standing.PROVED if check == "schur" else Standing.SUPPORTED), finding
+    assert finding.standing is Standing.PROVED and finding.grounds is Grounds.ALGEBRA, finding
     assert finding.margin > 0
 
 
@@ -109,9 +116,16 @@ def test_schur_says_how_far_the_radius_is_proved_to_be_from_1(tube):
     assert tube_checks.held_by_powers(tube, dataclasses.replace(finding, bound=0.9 * finding.bound)).margin < 0
 
 
-@pytest.mark.parametrize("check", ["lyapunov", "lmi20", "tube_inside", "rpi"])
-def test_nothing_is_proved_by_floating_point(tube, check):
-    assert getattr(tube_checks, check)(tube).grounds is Grounds.NUMERICS
+def test_nothing_is_proved_by_floating_point(brake_a, monkeypatch):
+    def unseen(*_: object) -> None:
+        raise NotCertified("it is not seen")
+
+    for name in ("schur", "equality", "raised", "limit_inside", "invariant", "horizon27", "tightening"):
+        monkeypatch.setattr(exact_tube, name, unseen)
+    found = [getattr(tube_checks, one)(brake_a) for one in ("schur", "lyapunov", "lmi20", "tube_inside", "rpi")]
+    found += [tube_checks.horizon27(brake_a, 3), tube_checks.tightening_sound(brake_a, 2, sequences=2)]
+    assert {(one.standing, one.grounds) for one in found} == {(Standing.SUPPORTED, Grounds.NUMERICS)}
+    assert all("it is not seen" in one.method for one in found)
 
 
 def test_hurwitz_rejects_a_good_gain_and_accepts_one_with_negative_poles(brake_a):
@@ -124,7 +138,7 @@ def test_hurwitz_rejects_a_good_gain_and_accepts_one_with_negative_poles(brake_a
 
 
 def test_horizon27_names_the_holds_that_fail(brake_a):
-    assert tube_checks.horizon27(brake_a, 8).standing is Standing.SUPPORTED
+    assert tube_checks.horizon27(brake_a, 8).standing is Standing.PROVED
     finding = tube_checks.horizon27(brake_a, 15)
     assert finding.standing is Standing.REFUTED and "M = 12, 13, 14" in finding.method
     assert max(finding.witness["excess by M"], key=finding.witness["excess by M"].get) == finding.witness["M"]
@@ -136,7 +150,7 @@ def test_horizon27_names_the_holds_that_fail(brake_a):
 
 def test_tightening(tube):
     finding = tube_checks.tightening_sound(tube, 3, holds=(2,), sequences=5)
-    assert finding.standing is Standing.SUPPORTED
+    assert finding.standing is Standing.PROVED
     assert finding.margin < 1e-8  # the extreme sequences attain the support: the bounds are not looser than needed
     blind = dataclasses.replace(tube, ignore_delay=True)
     refuted = tube_checks.tightening_sound(blind, 3, sequences=5)
@@ -290,7 +304,8 @@ def test_standings_of_a_campaign(small):
     verdicts = [judge(c) for c in examination.claims if c.name.removeprefix("stopping.") in wanted]
     by = {(v.claim.removeprefix("stopping."), v.controller): v.standing for v in verdicts}
     assert {s for (name, _), s in by.items() if name == "comfort"} == {Standing.REFUTED}
-    assert {s for (name, _), s in by.items() if name != "comfort"} == {Standing.SUPPORTED}
+    assert {s for (name, _), s in by.items() if name == "horizon27"} == {Standing.PROVED}
+    assert {s for (name, _), s in by.items() if name not in ("comfort", "horizon27")} == {Standing.SUPPORTED}
     names = {claim.name.removeprefix("stopping.") for claim in examination.claims}
     listed = "schur lyapunov lmi20 tube_inside rpi horizon27 tightening_sound nominal_decrease suboptimality32 "
     listed += "recursive_feasibility stop_within_50cm comfort fewer_switches hurwitz_as_printed"
@@ -377,6 +392,29 @@ def test_every_setting_stays_feasible(config, kind):
     study = assigned(STUDY, [f"config={config}"])
     for N in own(study).lengths:
         assert claims._feasible(study, own(study), kind, N, 300).standing is Standing.SUPPORTED
+
+
+@pytest.mark.parametrize("case", ["", "B"])
+def test_what_is_said_of_the_design_is_certified(case, tmp_path):
+    study, recheck = in_case(STUDY, case), Recheck()
+    judge_ = Judge(case or DEFAULT, expectations=EXPECTED, recheck=recheck)
+    verdicts = [judge_.verdict(claim) for claim in design_claims(study, (3, 5))]
+    assert [(one.label, one.controller) for one in verdicts if one.departs] == []
+    proved = [one for one in verdicts if one.standing is Standing.PROVED]
+    refuted = {(one.label, one.controller) for one in verdicts if one.standing is Standing.REFUTED}
+    assert len(proved) + len(refuted) == len(verdicts) and len(proved) >= 8
+    recheck.write_into(tmp_path, verdicts)
+    assert {one.outcome for one in answers(tmp_path)} == {"accepted"} and len(answers(tmp_path)) == len(proved)
+
+
+def test_what_has_no_certificate_is_no_more_than_supported():
+    def unseen(*_: object) -> None:
+        raise NotCertified("it is not seen")
+
+    (claim,) = [one for one in design_claims(STUDY, (3,)) if one.name == "stopping.schur"]
+    without = dataclasses.replace(claim, certify=partial(_certified, own(STUDY), unseen))
+    verdict = Judge(recheck=Recheck()).verdict(without)
+    assert verdict.standing is Standing.SUPPORTED and verdict.unchecked == "it is not seen"
 
 
 @pytest.mark.slow

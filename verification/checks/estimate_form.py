@@ -9,22 +9,42 @@ recognised, and nothing is then said of it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import casadi as ca
 import numpy as np
 
 from models.expression import Expression, as_expression
+from verification.certificates.bounds import plain
+from verification.certificates.numbers import numbers
+from verification.certificates.theorem import theorem
+from workbench.contracts.certificate import Certificate, Json, hashed
+from workbench.contracts.claim import NotCertified
 from workbench.contracts.law import AnyLaw, Estimator, Task, Trial
 from workbench.controllers.parts.rows import joined, known
+from workbench.graph import read
 
 DEPTH = 24
 """How deep two expressions are compared; the formulas are less than half as deep."""
 Left: TypeAlias = Trial[tuple[()]]
 
 
+class Seen(NamedTuple):
+    """The next estimate and plan as a law computes them, and by the formulas, of all that they are made of."""
+
+    given: Sequence[Expression]
+    estimate: tuple[Expression, Expression]
+    plan: tuple[Expression, Expression]
+
+
 def estimate_form(law: AnyLaw, task: Task) -> str | None:
-    """Return why the law is not shown to estimate and to learn by (12) to (14), from a positive estimate, or None.
+    """Return why the law is not shown to estimate and to learn by (12) to (14), from a positive estimate, or None."""
+    found = seen(law, task)
+    return found if isinstance(found, str) else None
+
+
+def seen(law: AnyLaw, task: Task) -> Seen | str:
+    """Return what is seen of a law's estimate and plan, or why they are not seen to be those of (12) to (14).
 
     The next estimate is phi + eta du/(mu + du^2) (dy(k+1) - phi du) with 0 < eta <= 1, du and dy what the plan and the
     output gained on those of the last trial, and phi(k,1) in its place where |phi| or |du| is at most eps or the sign
@@ -58,14 +78,52 @@ def estimate_form(law: AnyLaw, task: Task) -> str | None:
     first = np.asarray(ca.evalf(ca.SX(start[phi])).full())
     if not (np.isfinite(first) & (first > 0)).all():
         return "the estimate of the first trial is not positive at every sample"
-    if not any(ca.is_equal(after[phi], one, DEPTH) for one in _estimates(estimator, memory, after, left, phi, u)):
+    moved = [one for one in _estimates(estimator, memory, after, left, phi, u) if ca.is_equal(after[phi], one, DEPTH)]
+    if not moved:
         return (
             "the law's estimate is not seen to move by eta du/(mu + du^2) times the innovation, and to be reset where "
             "it or du is small"
         )
-    if not any(ca.is_equal(after[u], one, DEPTH) for one in _plans(estimator, memory, after, left, task, phi, u)):
+    plans_by = [
+        one for one in _plans(estimator, memory, after, left, task, phi, u) if ca.is_equal(after[u], one, DEPTH)
+    ]
+    if not plans_by:
         return "the law's plan is not seen to move by rho phi/(lambda + phi^2) times the error of the next sample"
-    return None
+    given = [*memory, left.r, left.y, left.e, left.u, left.reached]
+    return Seen(given, (after[phi], moved[0]), (after[u], plans_by[0]))
+
+
+def certificate(law: AnyLaw, task: Task) -> Certificate:
+    """Return the certificate that estimate and plan are those of (12) to (14). Raises NotCertified where none is."""
+    found, estimator = seen(law, task), law.estimator
+    if isinstance(found, str) or estimator is None:
+        raise NotCertified(str(found))
+    names = "estimate", "by_12_13", "plan", "by_14"
+    given = [f"given{i}" for i in range(len(found.given))]
+    both = [ca.densify(one) for one in (*found.estimate, *found.plan)]
+    graph = plain(read(ca.Function("learns", list(found.given), both, given, list(names))))
+    pairs: list[Json] = [
+        [[one, 0, k], [other, 0, k]] for one, other in (names[:2], names[2:]) for k in range(task.samples)
+    ]
+    says = "The next estimate is that of (12) and (13), and the next plan that of (14) with it"
+    form = Certificate(
+        kind="identity",
+        statement={"graph": hashed(graph), "says": says, "equal": pairs},
+        graphs={hashed(graph): graph},
+    )
+    facts = {
+        name: (float(value), "")
+        for name, value in (
+            ("eta", estimator.eta),
+            ("mu", estimator.mu),
+            ("eps", estimator.eps),
+            ("rho", estimator.rho),
+            ("lambda", estimator.lam),
+            ("unit", estimator.force_unit),
+        )
+    }
+    law_says = numbers("The settings of the estimate.", facts, ("<=", "eta", 1), *((">", name, 0) for name in facts))
+    return theorem("estimate_form", form=form, law=law_says)
 
 
 def _named(name: str, rows: int, columns: int) -> Expression:

@@ -10,17 +10,21 @@ import numpy as np
 
 from models.array import Array
 from models.plant import Plant
+from verification.certificates.bounds import Ask, bounds, looser
 from verification.checks.slope import slope
 from verification.enclosure.bounds import bound
 from verification.enclosure.box import Box
 from verification.enclosure.smoothness import continuous_on
 from verification.enclosure.tables import told, with_tables
+from workbench.contracts.certificate import Certificate
 from workbench.contracts.claim import Held
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.graph import Unreadable, read
 
 BUDGET = 300
 """Boxes spent on every entry of the Jacobian and band."""
+TOLERANCE = 1e-2
+"""Share to which a bound of an entry is sought, and by which it is certified wider."""
 PAIRS = 2000
 """Pairs of states that a proved constant is held against."""
 CONTINUOUS = 1e-9
@@ -33,9 +37,7 @@ def lipschitz(plant: Plant, lower: Sequence[float], upper: Sequence[float], band
     A function that is continuous on the box and differentiable but for kinks is Lipschitz with the largest row sum
     of |df/dx| (maximum norm). A jump inside the box refutes it: the witness is a pair of states across the jump.
     """
-    x = ca.SX.sym("x", len(plant.states))
-    rhs = plant.slope(x, ca.SX.zeros(len(plant.inputs)), ca.SX.zeros(len(plant.disturbances)), 0)
-    f = ca.Function("rhs", [x], [rhs], ["x"], ["f"])
+    f = _right_hand_side(plant)
     try:
         graph = with_tables(read(f))
     except Unreadable as error:
@@ -48,12 +50,12 @@ def lipschitz(plant: Plant, lower: Sequence[float], upper: Sequence[float], band
                 return pair
     if not smooth.proved:
         return undecided(f"continuity on the box could not be shown: {smooth.reason}")
-    entries = np.zeros((x.numel(), x.numel()), dtype=float)
+    entries = np.zeros((len(lower), len(lower)), dtype=float)
     for i, j in np.ndindex(*entries.shape):
         entry = slope(graph, "f", "x", i, j)
         for low, high in pairwise(bands):
             box = Box({"x": ([*lower[:-1], low], [*upper[:-1], high])})
-            found = bound(entry, box, budget=BUDGET, tolerance=1e-2)
+            found = bound(entry, box, budget=BUDGET, tolerance=TOLERANCE)
             entries[i, j] = max(float(entries[i, j]), -found.lower, found.upper)
     constant = float(entries.sum(axis=1).max())
     if not np.isfinite(constant):
@@ -67,6 +69,25 @@ def lipschitz(plant: Plant, lower: Sequence[float], upper: Sequence[float], band
         bound_unit="of df over dx in the maximum norm",
         witness={"bounds_of_the_jacobian": entries, "lower": list(lower), "upper": list(upper)},
     )
+
+
+def certified(plant: Plant, finding: Finding, premises: Mapping[str, Certificate]) -> Certificate:
+    """Return the certificate of the bounds of all slopes of a plant's right-hand side, which f being Lipschitz means.
+
+    Raises NotCertified where the checker's rules do not show them.
+    """
+    witness = finding.witness or {}
+    entries = np.asarray(witness["bounds_of_the_jacobian"], dtype=float)
+    low, high = (np.asarray(witness[end], dtype=float) for end in ("lower", "upper"))
+    box = Box({"x": (low, high)})
+    graph = read(_right_hand_side(plant))
+    labels = graph.labels()
+    asks = [
+        Ask(("f", i, 0), labels[j], side, looser(sign * float(entries[i, j]), side, TOLERANCE))
+        for i, j in np.ndindex(*entries.shape)
+        for sign, side in ((-1, "at least"), (1, "at most"))
+    ]
+    return bounds(graph, box, dict(zip(labels, (one.unit for one in plant.states), strict=True)), asks)
 
 
 def jump_at(plant: Plant, witness: Mapping[str, object]) -> float:

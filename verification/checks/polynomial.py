@@ -20,6 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.expression import Expression
+from verification.certificates.identity import identity
+from workbench.contracts.certificate import Certificate
 from workbench.contracts.claim import Held
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.graph import OPERATIONS, RATIONALS, Arithmetic, Graph, Lookup, Table, evaluate, read
@@ -216,6 +218,10 @@ class Identity:
         values = {name: np.asarray(numbers[name], dtype=float) for name in self.at}
         left, right = (float(side) for side in self._sides(*values.values()))
         return abs(left - right) / max(abs(left), abs(right)) if left != right else 0.0
+
+    def certificate(self, says: str) -> Certificate:
+        """Return the certificate of the identity, which says so. Raises NotCertified for sides that are no graph."""
+        return identity(says, self._sides)
 
     def replay(self, witness: Mapping[str, object]) -> float:
         """Return the margin at a witness: below zero where the sides differ by more than rounding."""

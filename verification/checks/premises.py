@@ -11,6 +11,8 @@ import numpy as np
 from models.actuator import Actuator
 from models.expression import as_expression
 from models.plant import Plant
+from models.quantity import is_declared, walked
+from verification.certificates.numbers import Facts
 from workbench.contracts.law import AnyLaw
 from workbench.contracts.study import Study
 from workbench.evidence import trajectory
@@ -38,6 +40,47 @@ def same_but_for_the_input(study: Study, law: AnyLaw) -> str | None:
     return same_plant(study)
 
 
+def alike(study: Study, law: AnyLaw) -> Facts:
+    """Return the settings in which trials may differ besides their inputs: each is 0 where they do not."""
+    return {
+        "trials go on where the last one ended": (int(study.continues), ""),
+        "starts are drawn anew": (int(not study.scenario.initial.repeats), ""),
+        "the law places where trials begin": (int(law.places), ""),
+        "disturbances that differ between trials": (moving_disturbances(study), ""),
+        "quantities of the plant that change between trials": (len(moving(study)), ""),
+    }
+
+
+def moving_disturbances(study: Study) -> int:
+    """Return how many disturbances differ between trials."""
+    return 0 if study.scenario.disturbance.repeats else len(study.plant_that_runs.disturbances)
+
+
+def moving(study: Study) -> list[str]:
+    """Return the names of the plant's quantities that change from trial to trial."""
+    return [name for name, one in study.scenario.truth.items() if not one.repeats]
+
+
+def factors(study: Study) -> Facts:
+    """Return the least and the largest of every quantity in which the true plant may differ, by the declared one."""
+    return {
+        f"{end} true {name}": (factor, f"of the declared {name}")
+        for name, one in study.scenario.truth.items()
+        for end, factor in zip(("least", "largest"), one.range, strict=True)
+    }
+
+
+def entries(thing: object, whose: str) -> Facts:
+    """Return the numbers that a declared thing is made of, tables entry by entry, as facts that name whose they are."""
+    found: dict[str, tuple[float, str]] = {}
+    for path, spec, value in walked(thing, lambda _, inner: is_declared(inner)):
+        rows = value if isinstance(value, tuple) else (value,)
+        for place, one in enumerate(rows):
+            if isinstance(one, (int, float)):
+                found[f"{path}{f'[{place}]' if isinstance(value, tuple) else ''} of {whose}"] = (one, spec.unit)
+    return found
+
+
 def same_plant(study: Study) -> str | None:
     """Return which quantities of the plant change from trial to trial, so that there is no one plant to speak of."""
     moving = [
@@ -58,11 +101,31 @@ def no_noise(study: Study) -> str | None:
     return f"the theorem leaves measurement noise out, and this study adds noise {size}"
 
 
+def noise(study: Study) -> Facts:
+    """Return by how much noise may change each measured output."""
+    bound = study.scenario.noise.bound(study.plant)
+    return {
+        f"bound of the noise of {one.name}": (float(most), one.unit)
+        for one, most in zip(study.plant.outputs, bound, strict=True)
+    }
+
+
 def nothing_between(study: Study) -> str | None:
     """Return what lies between plan and plant: a theorem about what a plan does is not about what an actuator does."""
     if study.plant_that_runs.states == study.plant.states and study.actuator == Actuator():
         return None
     return "an actuator lies between plan and plant, of which the theorem does not speak"
+
+
+def between(study: Study) -> Facts:
+    """Return what the settings say of an actuator: each is 0 where none lies between plan and plant."""
+    one = study.actuator
+    return {
+        "states that an actuator adds": (len(study.plant_that_runs.states) - len(study.plant.states), ""),
+        "lag of the actuator": (one.lag, "s"),
+        "dead time of the actuator": (one.delay, "s"),
+        "limits of the actuator": (sum(limit is not None for limit in (one.lower, one.upper, one.rate)), ""),
+    }
 
 
 def plan_alone(law: AnyLaw, study: Study) -> str | None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
+from verification.certificates.numbers import Facts, Relation, numbers
 from verification.checks import premises
+from workbench.contracts.certificate import Certificate
 from workbench.contracts.claim import Claim
 from workbench.contracts.finding import Finding, Grounds
 from workbench.contracts.study import Study
@@ -22,10 +24,16 @@ def settled(
     source: str,
     why: Why,
     *,
+    facts: Callable[[], Facts],
+    holds: Sequence[Relation] = (),
     controller: str | None = None,
     shown: Mapping[str, object] | None = None,
 ) -> Claim:
-    """Return a premise as a claim: met where ``why`` finds no reason against it in the settings."""
+    """Return a premise as a claim: met where ``why`` finds no reason against it in the settings.
+
+    ``facts`` gives the settings that it is about, and ``holds`` the relations between them that say so; by default
+    each of them is 0.
+    """
 
     def check() -> Finding:
         reason = why()
@@ -36,7 +44,11 @@ def settled(
             witness=None if reason is None else {"because": reason, **(shown or {})},
         )
 
-    return Claim(name=name, statement=statement, source=source, check=check, controller=controller)
+    def certify(found: Finding, premises: Mapping[str, Certificate]) -> Certificate:
+        given = facts()
+        return numbers(statement, given, *(holds or [("=", fact, 0) for fact in given]))
+
+    return Claim(name=name, statement=statement, source=source, check=check, controller=controller, certify=certify)
 
 
 def nothing_between(study: Study, source: str) -> Claim:
@@ -46,6 +58,7 @@ def nothing_between(study: Study, source: str) -> Claim:
         "Commands act on the plant as they are: no lag, dead time or limit lies between.",
         source,
         partial(premises.nothing_between, study),
+        facts=partial(premises.between, study),
     )
 
 
@@ -68,6 +81,13 @@ def no_noise(study: Study, source: str, output: str | None = None) -> Claim:
         f"{what} measured without noise.",
         source,
         why,
+        facts=lambda: {
+            f"bound of the noise of {names[row]}": (
+                float(study.scenario.noise.bound(study.plant)[row]),
+                study.plant.outputs[row].unit,
+            )
+            for row in rows
+        },
     )
 
 
@@ -84,6 +104,7 @@ def same_disturbance(study: Study, source: str) -> Claim:
         "What disturbs the plant is the same in every trial.",
         source,
         why,
+        facts=lambda: {"disturbances that differ between trials": (premises.moving_disturbances(study), "")},
     )
 
 
@@ -94,6 +115,14 @@ def same_plant(study: Study, source: str) -> Claim:
         "The plant is the same in every trial.",
         source,
         partial(premises.same_plant, study),
+        facts=lambda: {
+            "quantities of the plant that change between trials": (len(premises.moving(study)), ""),
+            **premises.factors(study),
+        },
+        holds=[
+            ("=", "quantities of the plant that change between trials", 0),
+            *(("=", f"least true {name}", f"largest true {name}") for name in study.scenario.truth),
+        ],
     )
 
 
@@ -110,6 +139,10 @@ def same_start(study: Study, source: str) -> Claim:
         "Without learning every trial would begin in the same state.",
         source,
         why,
+        facts=lambda: {
+            "trials go on where the last one ended": (int(study.continues), ""),
+            "starts are drawn anew": (int(not study.scenario.initial.repeats), ""),
+        },
     )
 
 
@@ -120,4 +153,14 @@ def whole_trials(study: Study, source: str) -> Claim:
         early = study.scenario.trial_length.least(study.horizon) < study.horizon
         return "trials may end early" if early else None
 
-    return settled(f"{study.name}.premise.whole_trials", "Every trial lasts to its end.", source, why)
+    return settled(
+        f"{study.name}.premise.whole_trials",
+        "Every trial lasts to its end.",
+        source,
+        why,
+        facts=lambda: {
+            "samples of a trial": (study.horizon, ""),
+            "least length": (int(study.scenario.trial_length.least(study.horizon)), ""),
+        },
+        holds=[("=", "least length", "samples of a trial")],
+    )

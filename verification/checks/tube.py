@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Callable, Mapping
 from fractions import Fraction
 
 import numpy as np
 
 from models.quantity import InvalidValue
-from verification.enclosure.exact_schur import closed_loop, proved_radius
-from workbench.contracts.claim import Held
+from verification.checks import exact_tube
+from verification.checks.exact_tube import ROUNDING
+from workbench.contracts.claim import Held, NotCertified
 from workbench.contracts.finding import Finding, Grounds, undecided
 from workbench.predictive import Tube
 from workbench.predictive.regulator import decrease, lmi, relative
 from workbench.sets import TOLERANCE, minimal_rpi, spectral_radius
 from workbench.sets.array import Array
-from workbench.sets.balance import state_units
 from workbench.sets.linear_program import minimise
-
-ROUNDING = 1e-9
-"""Residual of a matrix equation that counts as rounding, relative to P, state by state."""
 
 POWERS = 100
 """Powers of a loop that a bound of its radius is held against."""
@@ -38,22 +36,17 @@ def schur(tube: Tube) -> Finding:
     values = np.linalg.eigvals(tube.A_cl)
     radius = spectral_radius(tube.A_cl)
     witness = {"eigenvalues": [str(np.round(value, 9)) for value in values], "spectral radius": radius}
-    units = state_units(tube.A_cl)  # powers of two: the same loop, exactly
-    A = tube.plant.A * units / units[:, None]
-    proved = proved_radius(closed_loop(A.tolist(), (tube.plant.b / units).tolist(), (tube.K * units).tolist()))
-    if radius < 1 and proved is not None:
-        return Finding(
-            grounds=Grounds.ALGEBRA,
-            margin=float(1 - proved),
-            unit="1",
-            bound=float(proved),
-            bound_unit="1, the largest modulus of an eigenvalue",
-            witness=witness,
-            method=f"P > 0 and P - M'P M > 0 in exact rational arithmetic for M = (A + b K)/{float(proved):.6g}, with "
-            "A, b and K as stored",
-        )
-    method = "eigenvalues in floating point" + ("; no exact proof was found" if radius < 1 else "")
-    return Finding(grounds=Grounds.NUMERICS, margin=1 - radius, unit="1", witness=witness, method=method)
+    finding = Finding(
+        grounds=Grounds.NUMERICS, margin=1 - radius, unit="1", witness=witness, method="eigenvalues in floating point"
+    )
+    exact = _exactly(
+        finding,
+        lambda: exact_tube.schur(tube),
+        "P > 0 and r^2 P - (A + b K)'P (A + b K) > 0 in exact rational arithmetic, with A, b and K as stored",
+    )
+    if exact.grounds is not Grounds.ALGEBRA or exact.margin is None:
+        return exact
+    return dataclasses.replace(exact, bound=1 - exact.margin, bound_unit="1, the largest modulus of an eigenvalue")
 
 
 def held_by_powers(tube: Tube, finding: Finding) -> Held:
@@ -98,12 +91,12 @@ def hurwitz_as_printed(tube: Tube) -> Finding:
 
 
 def lyapunov(tube: Tube) -> Finding:
-    """Equality in (19): the residual of P = A_cl'P A_cl + Q + R K'K is rounding."""
+    """Equality in (19) but for rounding: the residual of P = A_cl'P A_cl + Q + R K'K is at most 1e-9 of P."""
     residual = decrease(tube.A_cl, tube.K, tube.Q, tube.R, tube.P)
     shares = np.abs(relative(residual, tube.P, tube.Q))
     i, j = np.unravel_index(int(np.argmax(shares)), residual.shape)
     size = float(shares[i, j])
-    return Finding(
+    finding = Finding(
         grounds=Grounds.NUMERICS,
         margin=ROUNDING - size,
         unit="of P",
@@ -111,30 +104,38 @@ def lyapunov(tube: Tube) -> Finding:
         bound=size,
         bound_unit="of P",
         witness={"row": int(i), "column": int(j), "residual": float(residual[i, j]), "P": tube.P},
-        method=f"residual {size:.3g} of P, each state in the unit in which P has a one, {ROUNDING:g} counts as "
-        f"rounding; {FLOAT}",
+        method=f"residual {size:.3g} of P, each state in the unit in which P has a one; "
+        f"{ROUNDING:g} counts as rounding",
     )
+    said = "that it lies between -1e-9 P and 1e-9 P is shown in exact rational arithmetic, with all as stored"
+    return _exactly(finding, lambda: exact_tube.equality(tube), said)
 
 
 def lmi20(tube: Tube) -> Finding:
-    """The matrix of (20) is positive semidefinite."""
+    """The matrix of (20) is positive semidefinite, P raised by no more than 1e-9 of itself.
+
+    Raised so, the matrix is no larger than with 1e-9 P added to its first block, for what is raised and then falls.
+    """
     matrix, n = lmi(tube.A_cl, tube.K, tube.Q, tube.R, tube.P), tube.plant.order
     # a congruence that gives P, and with it the stage cost, ones on the diagonal: signs of eigenvalues stay
     own = np.diag(relative(np.eye(n), tube.P, tube.Q)) ** 0.5
     scale = np.r_[own, np.ones(n + 1)]
+    least = float(np.linalg.eigvalsh(matrix * np.outer(scale, scale))[0])
+    matrix[:n, :n] += ROUNDING * tube.P
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    least = float(values[0])
-    return Finding(
+    finding = Finding(
         grounds=Grounds.NUMERICS,
-        margin=least + ROUNDING,
+        margin=float(values[0]),
         unit="of P",
         weak=True,
         bound=least,
         bound_unit="of P, the least eigenvalue",
         witness={"eigenvalue": least, "eigenvector": vectors[:, 0] * scale},
-        method=f"smallest eigenvalue, each state in the unit in which P has a one: 0 but for rounding ({ROUNDING:g}) "
-        f"where (19) is an equality; {FLOAT}",
+        method=f"smallest eigenvalue {least:.3g}, each state in the unit in which P has a one: 0 but for rounding "
+        f"where (19) is an equality; with {ROUNDING:g} P added {values[0]:.3g}",
     )
+    said = "with P raised by less, (19) holds strictly in exact rational arithmetic, with all as stored"
+    return _exactly(finding, lambda: exact_tube.raised(tube), said)
 
 
 def tube_inside(tube: Tube) -> Finding:
@@ -142,7 +143,7 @@ def tube_inside(tube: Tube) -> Finding:
     minimal = minimal_rpi(tube.A_cl, tube.W_z)
     room = (tube.Sigma.h - minimal.support(tube.Sigma.H)) / tube.Sigma.sizes
     worst = int(np.argmin(room))
-    return Finding(
+    finding = Finding(
         grounds=Grounds.NUMERICS,
         margin=float(room[worst]) + TOLERANCE,
         unit="of Sigma's width",
@@ -151,19 +152,25 @@ def tube_inside(tube: Tube) -> Finding:
         bound_unit="of Sigma's width, the least room",
         witness={"face": tube.Sigma.labels[worst], "point": minimal.partial.extreme(tube.Sigma.H[worst])},
         method=f"support function of Z, its tail bounded, along each of {len(room)} faces, {TOLERANCE:g} of the width "
-        f"counts as rounding; {FLOAT}",
+        "counts as rounding",
     )
+    said = "between Z and Sigma lies an invariant set that holds 0, shown row by row in exact rational arithmetic"
+    return _exactly(finding, lambda: exact_tube.limit_inside(tube), said)
 
 
 def rpi(tube: Tube) -> Finding:
-    """Sigma is robust positively invariant: A_cl Sigma + A^l W lies inside Sigma."""
+    """Sigma drawn in by rounding, 1e-9 of its width at most, is robust positively invariant under A_cl e + A^l w.
+
+    Where a point of Sigma drawn in by so much is carried out of Sigma, no set in between is invariant.
+    """
     Sigma = tube.Sigma
+    inner = Sigma.h - TOLERANCE * Sigma.sizes
     worst, at = -np.inf, {}
     for row, offset, size, label in zip(Sigma.H, Sigma.h, Sigma.sizes, Sigma.labels, strict=True):
         ahead = row @ tube.A_cl
-        answer = minimise(-ahead, Sigma.H, Sigma.h)
+        answer = minimise(-ahead, Sigma.H, inner)
         if answer.status == "unbounded":  # a point far out says the same and can be replayed
-            answer = minimise(-ahead, np.vstack([Sigma.H, ahead]), np.r_[Sigma.h, offset + FAR * size])
+            answer = minimise(-ahead, np.vstack([Sigma.H, ahead]), np.r_[inner, offset + FAR * size])
         if answer.status != "optimal":
             return undecided(f"how far Sigma reaches along '{label}' could not be found; a larger room would tell")
         w = tube.W_z.extreme(row)
@@ -171,16 +178,18 @@ def rpi(tube: Tube) -> Finding:
         face = int(np.argmax(excess))
         if excess[face] > worst:
             worst, at = float(excess[face]), {"face": Sigma.labels[face], "e": answer.x, "w": w}
-    return Finding(
+    finding = Finding(
         grounds=Grounds.NUMERICS,
-        margin=TOLERANCE - worst,
+        margin=-worst,
         unit="of Sigma's width",
         weak=True,
         bound=worst,
         bound_unit="of Sigma's width, the farthest outside",
         witness={**at, "leaves by": worst},
-        method=f"one linear program a face, {len(Sigma.h)} faces, residual allowed {TOLERANCE:g} of the width; {FLOAT}",
+        method=f"one linear program a face, {len(Sigma.h)} faces, from Sigma drawn in by {TOLERANCE:g} of the width",
     )
+    said = "a set between Sigma and Sigma so drawn in is invariant, shown row by row in exact rational arithmetic"
+    return _exactly(finding, lambda: exact_tube.invariant(tube), said)
 
 
 def rpi_margin(tube: Tube, witness: Mapping[str, object]) -> float:
@@ -191,7 +200,7 @@ def rpi_margin(tube: Tube, witness: Mapping[str, object]) -> float:
     Sigma, e, w = tube.Sigma, vector(witness, "e"), vector(witness, "w")
     if Sigma.violation(e) > INSIDE or not tube.W_z.contains(w, tolerance=INSIDE):
         raise InvalidValue("the witness must lie in Sigma and in A^l W, and does not")
-    return TOLERANCE - float(((Sigma.H @ (tube.A_cl @ e + w) - Sigma.h) / Sigma.sizes).max())
+    return -float(((Sigma.H @ (tube.A_cl @ e + w) - Sigma.h) / Sigma.sizes).max())
 
 
 def horizon27(tube: Tube, N: int) -> Finding:
@@ -207,8 +216,8 @@ def horizon27(tube: Tube, N: int) -> Finding:
         "point of the tube": reach.extreme(tube.Sigma.H[face]),
         "excess by M": {M: found.distance for M, found in excess.items()},
     }
-    said = f"fails for M = {', '.join(map(str, out))}, which are never offered; " if out else ""
-    return Finding(
+    fails = f"fails for M = {', '.join(map(str, out))}, which are never offered; " if out else ""
+    finding = Finding(
         grounds=Grounds.NUMERICS,
         margin=TOLERANCE - excess[worst].share,
         unit="of Sigma's width",
@@ -216,8 +225,10 @@ def horizon27(tube: Tube, N: int) -> Finding:
         bound=excess[worst].share,
         bound_unit="of Sigma's width, the farthest outside",
         witness=witness,
-        method=f"{said}support function of each tube along every face of Sigma; {FLOAT}",
+        method=f"{fails}support function of each tube along every face of Sigma",
     )
+    said = "so in exact rational arithmetic, with A, b, K, W and Sigma as stored"
+    return _exactly(finding, lambda: exact_tube.horizon27(tube, N), said)
 
 
 def horizon27_margin(tube: Tube, N: int, witness: Mapping[str, object]) -> float:
@@ -254,7 +265,7 @@ def tightening_sound(
                 if slack[row] < worst:
                     worst = float(slack[row])
                     witness = {"M": M, "stage": i, "bound": bounds.labels[row], "short by": -worst, "w": w}
-    return Finding(
+    finding = Finding(
         grounds=Grounds.NUMERICS,
         margin=worst + TOLERANCE,
         unit="of the bounds' width",
@@ -264,8 +275,10 @@ def tightening_sound(
         bound_unit="of the bounds' width, the least room",
         witness=witness,
         method=f"{simulated} simulated disturbance sequences, the extreme one of every bound and stage among them, "
-        f"which is the worst of all because the plant is linear; {FLOAT}",
+        f"which is the worst of all because the plant is linear, {TOLERANCE:g} of the width counts as rounding",
     )
+    said = "the sums that they are reach no further, in exact rational arithmetic, with A, b, K and W as stored"
+    return _exactly(finding, lambda: exact_tube.tightening(tube, stages, holds), said)
 
 
 def tightening_margin(tube: Tube, witness: Mapping[str, object]) -> float:
@@ -273,6 +286,17 @@ def tightening_margin(tube: Tube, witness: Mapping[str, object]) -> float:
     M, stage = int(str(witness["M"])), int(str(witness["stage"]))
     w = np.asarray(witness["w"], dtype=float).reshape(-1, tube.plant.order)
     return float(_slack(tube, w, stage, M).min()) + TOLERANCE
+
+
+def _exactly(finding: Finding, prove: Callable[[], exact_tube.Shown], said: str) -> Finding:
+    """Return what floating point found, on grounds of algebra and with the exact margin where it is shown exactly."""
+    if finding.fails:
+        return dataclasses.replace(finding, method=f"{finding.method}; {FLOAT}")
+    try:
+        margin = prove().margin
+    except NotCertified as error:
+        return dataclasses.replace(finding, method=f"{finding.method}; {FLOAT}: {error}")
+    return dataclasses.replace(finding, grounds=Grounds.ALGEBRA, margin=margin, method=f"{finding.method}; {said}")
 
 
 def vector(witness: Mapping[str, object], name: str) -> Array:

@@ -10,13 +10,15 @@ import logging
 import math
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from models.quantity import InvalidValue
 from models.users_code import InUsersCodeError
+from verification.certificates.recheck import Recheck
 from verification.report.words import shown_value
-from workbench.contracts.claim import Claim, Expectations, Held, expected_of
+from workbench.contracts.certificate import Certificate
+from workbench.contracts.claim import Claim, Expectations, Held, NotCertified, expected_of
 from workbench.contracts.finding import STRENGTH, Finding, Grounds, Standing, plain, undecided
 from workbench.contracts.verdict import DEFAULT, NotMade, Premise, Verdict
 
@@ -44,15 +46,27 @@ class _Judged:
     held: Held | None = None
     replayed: float | None = None
     contradiction: str = ""
+    certificate: Certificate | None = None
+    sentence: str = ""
+    unchecked: str = ""
 
 
 class Judge:
-    """Judges claims of one case of a study, each once however many claims have it as a premise."""
+    """Judges claims of one case of a study, each once however many claims have it as a premise.
+
+    With ``recheck`` the checker is asked for what was proved, and the verdict says whether it accepted a certificate.
+    Where that is ``demanded``, what it does not accept is SUPPORTED at most.
+    """
 
     def __init__(
-        self, case: str = DEFAULT, *, expectations: Expectations | None = None, again: Again | None = None
+        self,
+        case: str = DEFAULT,
+        *,
+        expectations: Expectations | None = None,
+        again: Again | None = None,
+        recheck: Recheck | None = None,
     ) -> None:
-        self.case, self.expectations, self.again = case, expectations or {}, again
+        self.case, self.expectations, self.again, self.recheck = case, expectations or {}, again, recheck
         self._known: dict[tuple[str, str, str | None], _Judged] = {}
 
     def verdict(self, claim: Claim) -> Verdict | NotMade:
@@ -93,6 +107,9 @@ class Judge:
             replayed=found.replayed,
             expected=expected,
             contradiction=found.contradiction,
+            certificate="" if found.certificate is None else found.certificate.name,
+            sentence=found.sentence,
+            unchecked=found.unchecked,
         )
 
     def _judged(self, claim: Claim) -> _Judged:
@@ -116,7 +133,35 @@ class Judge:
         if unmet or judged.standing is Standing.UNDECIDED:
             return judged
         judged = _weakened(self._rested(claim, judged))
-        return _attacked(claim, judged) if judged.standing is Standing.PROVED else judged
+        if judged.standing is Standing.PROVED:
+            judged = _attacked(claim, judged)
+        return self._certified(claim, judged) if judged.standing is Standing.PROVED else judged
+
+    def _certified(self, claim: Claim, judged: _Judged) -> _Judged:
+        """Let what was proved stand as PROVED only where the checker accepts a certificate of it."""
+        if self.recheck is None:
+            return judged
+        try:
+            if claim.certify is None:
+                raise NotCertified("proofs of this kind have no certificate")
+            shown = {one.name: its.certificate for one, its in judged.premises if its.certificate is not None}
+            certificate = claim.certify(judged.finding, shown)
+            return replace(judged, certificate=certificate, sentence=self.recheck.sentence(certificate))
+        except NotCertified as error:
+            why = str(error)
+        except InUsersCodeError:
+            raise
+        except Exception as error:
+            log.warning("a certificate could not be made: %s", error, exc_info=error)
+            why = f"the program met {type(error).__name__}, see its log"
+        if not self.recheck.demanded:
+            return replace(judged, unchecked=why)
+        return replace(
+            judged,
+            standing=Standing.SUPPORTED,
+            method=f"{judged.method}; no more than SUPPORTED, because it is not re-checkable: {why}",
+            unchecked=why,
+        )
 
     def _rested(self, claim: Claim, judged: _Judged) -> _Judged:
         """Look at what a proof rests on besides its premises, now that it would hold."""

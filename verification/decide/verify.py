@@ -13,6 +13,7 @@ from typing import TypeVar
 
 from models.quantity import InvalidValue
 from models.users_code import asking
+from verification.certificates.recheck import Recheck
 from verification.decide.judge import Judge
 from verification.report.gate import Gate
 from verification.report.write import CASES, Report, write_into
@@ -142,13 +143,16 @@ def verify(
     *,
     full: bool = False,
     show_progress: bool = True,
+    recheck: Recheck | None = None,
 ) -> Report:
     """Check every claim on a campaign and return the report's content.
 
     ``claims`` are claims of one's own, or a whole examination; by default those of the campaign's study. ``full``
     adds the long sweeps. A campaign that was loaded is run again first, and held against its record: see
-    :func:`workbench.trials.replay.replayed`, which raises InvalidValue where the two depart.
+    :func:`workbench.trials.replay.replayed`, which raises InvalidValue where the two depart. Certificates go to
+    ``recheck``, by default to one of the report's own.
     """
+    recheck = recheck or Recheck()
     if not isinstance(campaign, Campaign):
         raise InvalidValue(f"verify takes a campaign, as in verify(run(study)); got {repr(campaign).splitlines()[0]}")
     replayed(campaign, show_progress=show_progress)
@@ -161,6 +165,7 @@ def verify(
         campaign.study.case or DEFAULT,
         expectations=chosen.expectations,
         again=AnotherRun(campaign, full) if claims is None else None,
+        recheck=recheck,
     )
     verdicts: list[Verdict] = []
     not_made: list[NotMade] = []
@@ -190,6 +195,7 @@ def verify(
         tables=tables,
         scores=scores,
         digits=digits,
+        certificates=recheck,
     )
     fell = [f"{controller} did not come to its end: {reason}." for controller, reason in report.stopped]
     return dataclasses.replace(report, conclusion=[*fell, *conclusion, *failed])
@@ -227,14 +233,15 @@ def verify_cases(
     first = in_case(study, only or "")
     done = run(first, show_progress=show_progress)
     done.record(draft)
-    found = verify(done, full=full, show_progress=show_progress)
+    recheck = Recheck()
+    found = verify(done, full=full, show_progress=show_progress, recheck=recheck)
     others: dict[str, Report] = {}
     for name in () if only is not None or study.case else study.cases:  # a study in a case is that case alone
         campaign = run(in_case(study, name), show_progress=show_progress)
         folder = draft / CASES / name
         folder.mkdir(parents=True)
         campaign.record(folder)
-        others[name] = verify(campaign, full=full, show_progress=show_progress)
+        others[name] = verify(campaign, full=full, show_progress=show_progress, recheck=recheck)
     whole = dataclasses.replace(found, cases=others, gate=gate or Gate())
     write_into(whole, draft, show_progress=show_progress)
     return whole

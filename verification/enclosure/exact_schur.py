@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
@@ -24,35 +25,52 @@ def closed_loop(A: Matrix, b: Row, K: Row) -> Rows:
     return [[Fraction(A[i][j]) + Fraction(b[i]) * Fraction(K[j]) for j in range(n)] for i in range(n)]
 
 
-def proved_radius(M: Rows) -> Fraction | None:
-    """Return a number below 1 that every eigenvalue of M is proved to be smaller than in modulus, or None.
+class Contraction(NamedTuple):
+    """A number r below 1 and a norm P > 0 with r^2 P - M'P M > 0: eigenvalues of M are smaller than r in modulus."""
 
-    None says that no such number was proved, not that M is unstable.
-    """
+    radius: Fraction
+    norm: Rows
+
+
+def contraction(M: Rows) -> Contraction | None:
+    """Return how M is proved to contract, or None, which says that no proof was found, not that M is unstable."""
     radius = _estimated_radius(M)
     if not radius < 1:
         return None
     for share in SHARES:
         bound = 1 - share * (1 - Fraction(radius))
-        if proved_schur([[entry / bound for entry in row] for row in M]):
-            return bound
+        norm = proved_norm([[entry / bound for entry in row] for row in M])
+        if norm is not None:
+            return Contraction(bound, norm)
     return None
 
 
-def proved_schur(M: Rows) -> bool:
-    """Tell whether P > 0 and P - M'P M > 0 hold exactly for some P: then every eigenvalue of M has modulus below 1.
+def proved_radius(M: Rows) -> Fraction | None:
+    """Return a number below 1 that every eigenvalue of M is proved to be smaller than in modulus, or None."""
+    found = contraction(M)
+    return None if found is None else found.radius
 
-    P is found in floating point and symmetrised; False says that this P proves nothing, not that M is unstable.
+
+def proved_schur(M: Rows) -> bool:
+    """Tell whether every eigenvalue of M is proved to have modulus below 1; False proves nothing."""
+    return proved_norm(M) is not None
+
+
+def proved_norm(M: Rows) -> Rows | None:
+    """Return P for which P > 0 and P - M'P M > 0 hold exactly: then every eigenvalue of M has modulus below 1.
+
+    P is found in floating point and symmetrised; None says that this P proves nothing, not that M is unstable.
     """
     if not _estimated_radius(M) < 1:
-        return False
+        return None
     try:
         found = np.asarray(solve_discrete_lyapunov(_floats(M).T, np.eye(len(M))))
     except np.linalg.LinAlgError:
-        return False
+        return None
     if not np.isfinite(found).all():
-        return False
-    return certifies([[Fraction(found[min(i, j), max(i, j)]) for j in range(len(M))] for i in range(len(M))], M)
+        return None
+    norm = [[Fraction(found[min(i, j), max(i, j)]) for j in range(len(M))] for i in range(len(M))]
+    return norm if certifies(norm, M) else None
 
 
 def certifies(P: Rows, M: Rows) -> bool:

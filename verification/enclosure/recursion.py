@@ -84,6 +84,21 @@ class _Pass(ctypes.Structure):
     )  # fmt: skip
 
 
+def step_of(plant: Plant, parameters: Sequence[ca.SX] = ()) -> ca.Function:
+    """Return one step as a Function of x, w, p, k and u: ``next_i``, the output's gain ``gained``, and ``output``."""
+    at = plant.symbols()
+    x_next, y = plant.next_state(**at), plant.measured(at["x"])
+    after = ca.substitute(plant.measured(at["x"]), at["x"], x_next)
+    p = ca.vertcat(*parameters) if parameters else ca.SX(0, 1)
+    return ca.Function(
+        "carried",
+        [at["x"], at["w"], p, at["k"], at["u"]],
+        [*ca.vertsplit(x_next), after - y, y],
+        ["x", "w", "p", "k", "u"],
+        [*(f"next_{i}" for i in range(x_next.shape[0])), "gained", "output"],
+    )
+
+
 class Recursion:
     """One plant with one input and one output, made ready to carry sets through N samples.
 
@@ -98,17 +113,7 @@ class Recursion:
         for what, names in (("input", plant.inputs), ("output", plant.outputs)):
             if len(names) != 1:
                 raise InvalidValue(f"sets are carried for plants with one {what}, got {len(names)}")
-        at = plant.symbols()
-        x_next, y = plant.next_state(**at), plant.measured(at["x"])
-        after = ca.substitute(plant.measured(at["x"]), at["x"], x_next)
-        p = ca.vertcat(*parameters) if parameters else ca.SX(0, 1)
-        function = ca.Function(
-            "carried",
-            [at["x"], at["w"], p, at["k"], at["u"]],
-            [*ca.vertsplit(x_next), after - y, y],
-            ["x", "w", "p", "k", "u"],
-            [*(f"next_{i}" for i in range(x_next.shape[0])), "gained", "output"],
-        )
+        function = step_of(plant, parameters)
         graph = rewritten(function)
         if isinstance(graph, str):
             raise InvalidValue(f"the plant must be a graph for its sets to be carried: {graph}")

@@ -16,6 +16,7 @@ import jinja2
 from markupsafe import Markup
 
 from models.quantity import InvalidValue
+from verification.certificates.recheck import Recheck
 from verification.report.embedded import Drawn, embedded, titled
 from verification.report.gate import Departure, Gate, named
 from verification.report.junit import junit
@@ -108,6 +109,8 @@ class Report:
     """The reports of the study's other cases, by name."""
     not_made: Sequence[NotMade] = ()
     """Claims that have no meaning here, each with what it lacks."""
+    certificates: Recheck | None = None
+    """The certificates of what was proved, of all cases."""
     gate: Gate = dataclasses.field(default_factory=Gate)
     """What the verdicts are held against."""
 
@@ -174,6 +177,8 @@ def write_into(report: Report, draft: Path, *, show_progress: bool = True) -> No
         draft / "verdicts.xml",
         junit(campaign.study.name, _version(report), report.all_verdicts, report.all_not_made, report.gate),
     )
+    if report.certificates is not None:
+        report.certificates.write_into(draft, report.all_verdicts)
     parts: list[Part] = []
     for folder, one in _folders(report, draft):
         scores = all_scores(one)

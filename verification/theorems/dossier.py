@@ -15,6 +15,7 @@ from verification.checks.domain import domain
 from verification.checks.row_sums import GainBounds, SlopeBounds, gain_bounds, slope_bounds
 from verification.checks.wanted import Wanted, wanted_input
 from verification.enclosure.box import Box
+from verification.theorems.certified import Certified
 from verification.theorems.funnels import Funnels
 from verification.theorems.premises import Premises
 from workbench.contracts.claim import Held, Range
@@ -180,6 +181,11 @@ class Dossier:
     def premises(self) -> Premises:
         """What theorems about the controller ask of it."""
         return Premises(self)
+
+    @cached_property
+    def certified(self) -> Certified:
+        """What makes the certificates of what is proved."""
+        return Certified(self)
 
     @cached_property
     def funnels(self) -> Funnels:

@@ -65,6 +65,7 @@ def funnel_claim(d: Dossier, lacks: str) -> Claim:
         lacks=lacks,
         scope=lambda: d.funnels.scope.shown(),
         attack=lambda found: d.funnels.held(found),
+        certify=lambda found, premises: d.funnels.certify(found, premises),
     )
 
 
@@ -81,7 +82,18 @@ def _positive_gain(d: Dossier) -> Claim:
         return f"the theorem is for learning gains above 0, they lie between {gain.low:.4g} and {gain.high:.4g}"
 
     name = f"{d.study.name}.premise.positive_gain"
-    return settled(name, "The learning gain is not negative.", OURS, why, controller=d.controller)
+    return settled(
+        name,
+        "The learning gain is not negative.",
+        OURS,
+        why,
+        facts=lambda: {
+            "least learning gain": (d.funnels.gain.low, ""),
+            "largest learning gain": (d.funnels.gain.high, ""),
+        },
+        holds=[(">=", "least learning gain", 0), (">", "largest learning gain", 0)],
+        controller=d.controller,
+    )
 
 
 def _starts_given(d: Dossier) -> Claim:
@@ -89,7 +101,14 @@ def _starts_given(d: Dossier) -> Claim:
         return "the law itself moves the state in which a trial begins" if d.law.places else None
 
     name = f"{d.study.name}.premise.starts_given"
-    return settled(name, "The law does not move the state in which a trial begins.", OURS, why, controller=d.controller)
+    return settled(
+        name,
+        "The law does not move the state in which a trial begins.",
+        OURS,
+        why,
+        facts=lambda: {"the law places where trials begin": (int(d.law.places), "")},
+        controller=d.controller,
+    )
 
 
 def _found(d: Dossier) -> Finding:

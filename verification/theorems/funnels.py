@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,9 @@ import numpy as np
 
 from models.array import Array
 from models.quantity import InvalidValue
+from verification.certificates.funnel import Asked
+from verification.certificates.funnel import funnel as funnel_certificate
+from verification.certificates.theorem import theorem
 from verification.checks.adversary import Possible
 from verification.checks.campaigns import PlantEquations, campaigns
 from verification.checks.envelope import Bounds, Envelope, held_inside
@@ -18,12 +22,14 @@ from verification.checks.funnel import Funnel, Maker, Open, funnel, with_roundin
 from verification.checks.funnel_curve import Curve, below, curve
 from verification.checks.update import first_plan
 from verification.enclosure.box import Box
-from verification.enclosure.recursion import Carried
-from workbench.contracts.claim import Held
+from verification.enclosure.recursion import Carried, step_of
+from workbench.contracts.certificate import Certificate
+from workbench.contracts.claim import Held, NotCertified
 from workbench.contracts.finding import Finding
 from workbench.contracts.law import LearningGain
 from workbench.contracts.scope import Scope, scope_of
 from workbench.evidence.trajectory import Trajectories, recorded
+from workbench.graph import read
 
 if TYPE_CHECKING:
     from verification.theorems.dossier import Dossier
@@ -119,6 +125,33 @@ class Funnels:
             },
             whole=("k",),
         )
+
+    def certify(self, found: Finding, premises: Mapping[str, Certificate]) -> Certificate:
+        """Return the certificate of the funnel, and of the theorem that every trial stays in it."""
+        maker, scope, made = self.maker, self.scope, self.funnel
+        if made.same:
+            raise NotCertified(f"sets are certified for quantities that may change, and {', '.join(made.same)} may not")
+        graph = read(step_of(maker.plant, maker.symbols))
+        ports = {port.name: port.labels for port in graph.inputs}
+        low, high = scope.disturbance
+        n = maker.samples
+        others = {name: np.stack([low[i, :n], high[i, :n]], axis=-1) for i, name in enumerate(ports["w"])}
+        ends = [[one.low, one.high] for one in scope.parameters.values()]
+        others |= {name: np.array([one]) for name, one in zip(ports["p"], ends, strict=True)}
+        sets = funnel_certificate(
+            graph,
+            Asked(
+                start=scope.start,
+                others=others,
+                plan=maker.plan[:n],
+                reference=maker.reference,
+                noise=float(scope.noise[0]),
+                gain=maker.gain.high,
+                targets=made.sets.target,
+            ),
+        )
+        named = {name.rsplit("premise.", 1)[-1]: one for name, one in premises.items()}
+        return theorem("increment_funnel", sets=sets, **named)
 
     def held(self, found: Finding) -> Held:
         """Hold the funnel against recorded trials, and against campaigns made to leave it."""

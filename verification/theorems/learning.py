@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 
-import numpy as np
-
 from verification.checks import (
     assumption_replays,
     assumptions,
@@ -26,11 +24,11 @@ from verification.checks.error_map_replay import replay_monotone
 from verification.checks.premises import same_plant
 from verification.theorems import conclusion, funnel, limit, safe_words
 from verification.theorems.dossier import Dossier, dossiers_of
+from verification.theorems.learning_scores import scores
 from verification.theorems.pictures import figures, funnel_figures
-from workbench.contracts.claim import Claim, Held, Range, Role
+from workbench.contracts.claim import Certify, Claim, Held, Range, Role
 from workbench.contracts.examination import Examination
 from workbench.contracts.finding import Finding, undecided
-from workbench.contracts.number import finite
 from workbench.trials.campaign import Campaign
 
 PAPER = "Jiao & Hou 2025"
@@ -80,6 +78,7 @@ def _claim(
     scope: Callable[[], Mapping[str, Range]] = dict,
     replay: Callable[[Mapping[str, object]], float] | None = None,
     attack: Callable[[Finding], Held] | None = None,
+    certify: Certify | None = None,
 ) -> Claim:
     """Return a claim on a controller; a law of which too few trials ran leaves it open."""
 
@@ -103,6 +102,7 @@ def _claim(
         scope=scope,
         replay=replay,
         attack=attack,
+        certify=certify,
     )
 
 
@@ -125,6 +125,7 @@ def _assumptions(d: Dossier) -> list[Claim]:
             scope=d.scope,
             replay=lambda witness: continuity.replay(d.plant, d.evidence.degree, witness),
             attack=d.attack_continuity,
+            certify=d.certified.continuous_slope,
         ),
         _claim(
             d,
@@ -137,6 +138,7 @@ def _assumptions(d: Dossier) -> list[Claim]:
             scope=d.scope,
             replay=lambda witness: assumption_replays.replay_vanishing(d.plant, d.evidence, witness),
             attack=d.attack_ratio,
+            certify=d.certified.ratio,
         ),
         _claim(
             d,
@@ -150,6 +152,7 @@ def _assumptions(d: Dossier) -> list[Claim]:
             scope=d.scope,
             replay=lambda witness: assumption_replays.replay_across(d.plant, d.evidence, witness),
             attack=d.attack_row_sums,
+            certify=d.certified.row_sums,
         ),
         _claim(
             d,
@@ -171,6 +174,7 @@ def _assumptions(d: Dossier) -> list[Claim]:
             scope=d.scope,
             replay=lambda witness: assumption_replays.replay_sign(d.plant, d.evidence, witness),
             attack=d.attack_slopes,
+            certify=d.certified.positive_slope,
         ),
         _claim(
             d,
@@ -183,6 +187,7 @@ def _assumptions(d: Dossier) -> list[Claim]:
             scope=d.scope,
             replay=lambda witness: assumption_replays.slope_at(d.plant, d.evidence, witness),
             attack=d.attack_slopes,
+            certify=d.certified.positive_slope,
         ),
         _claim(
             d,
@@ -195,6 +200,7 @@ def _assumptions(d: Dossier) -> list[Claim]:
             scope=d.scope,
             replay=lambda witness: assumption_replays.replay_lemma(d.plant, d.evidence, witness),
             attack=d.attack_ratio,
+            certify=d.certified.ratio,
         ),
     ]
 
@@ -230,6 +236,7 @@ def _adaptive(d: Dossier) -> list[Claim]:
                 - convergence.lambda_min(d.estimator, abs(assumption_replays.slope_at(d.plant, d.evidence, witness)))
             ),
             attack=d.attack_slopes,
+            certify=d.certified.lambda_min,
         ),
         _claim(
             d,
@@ -334,6 +341,7 @@ def _increments(d: Dossier) -> list[Claim]:
             scope=d.scope,
             replay=lambda witness: increment.replay(d.estimator, d.wanted, witness),
             attack=lambda found: d.attack_contraction(1.0),
+            certify=d.certified.monotone,
         ),
         _claim(
             d,
@@ -348,48 +356,6 @@ def _increments(d: Dossier) -> list[Claim]:
             rests_on=(p.follows,),
             scope=d.scope,
             attack=lambda found: d.attack_contraction(found.bound or 1.0),
+            certify=d.certified.weighted,
         ),
     ]
-
-
-def scores(campaign: Campaign, files: Sequence[Dossier]) -> Mapping[str, Mapping[str, float | None]]:
-    """Return the PPD metrics of every controller, None where one has no such quantity."""
-    names = (
-        "ppd_partial_min",
-        "ppd_partial_max",
-        "ppd_ratio_negative_share",
-        "ppd_ratio_abs_max",
-        "ppd_estimate_median_relative_error",
-        "contraction_inside_share",
-        "lambda_min_partial",
-        "lambda_min_realised",
-        "lipschitz_lifted",
-    )
-    result: dict[str, dict[str, float | None]] = {
-        str(name): dict.fromkeys(names) for name in campaign.data["controller"].values
-    }
-    for d in files:
-        e = d.evidence
-        ratio = e.ratio[np.isfinite(e.ratio)]
-        largest = float(np.nanmax(np.abs(e.partial)))
-        off, own = assumptions.lifted_along(d.plant, e).row_sums()
-        metrics: dict[str, float | None] = {
-            "ppd_partial_min": float(np.nanmin(e.partial)),
-            "ppd_partial_max": float(np.nanmax(e.partial)),
-            "ppd_ratio_negative_share": float((ratio <= 0).mean()) if ratio.size else None,
-            "ppd_ratio_abs_max": float(np.abs(ratio).max()) if ratio.size else None,
-            "lipschitz_lifted": float((off + own).max()),
-        }
-        if d.law.estimator is not None:
-            factor = d.adaptation.factor[np.isfinite(d.adaptation.factor)]
-            error = e.relative_error()
-            metrics |= {
-                "ppd_estimate_median_relative_error": float(np.nanmedian(error)),
-                "contraction_inside_share": float((np.abs(factor) < 1).mean()) if factor.size else None,
-                "lambda_min_partial": convergence.lambda_min(e.estimator, largest),
-                "lambda_min_realised": convergence.lambda_min(e.estimator, float(np.abs(ratio).max()))
-                if ratio.size
-                else None,
-            }
-        result[d.controller].update({key: finite(value) for key, value in metrics.items()})
-    return result

@@ -13,9 +13,10 @@ import numpy as np
 
 from models.expression import as_expression
 from models.quantity import InvalidValue
+from verification.certificates.numbers import numbers
 from verification.checks import limit
 from verification.checks.delayed import delayed_graph
-from verification.checks.estimate_form import estimate_form
+from verification.checks.estimate_form import certificate, estimate_form
 from verification.checks.settled import settled
 from verification.enclosure.box import Box
 from verification.enclosure.rounding import rounding
@@ -52,6 +53,7 @@ def claims_of(d: Dossier) -> list[Claim]:
             premises=() if lacks or d.done < 2 else _premises_of_the_conclusion(d),
             lacks=lacks,
             attack=partial(_attack, d),
+            certify=d.certified.conclusion,
         ),
         Claim(
             name=f"{d.study.name}.theorem1.transient",
@@ -84,6 +86,7 @@ def increment_limit(d: Dossier, funnel: Claim, slopes: Slopes, over: Callable[[]
         premises=() if lacks or d.done < 2 else (funnel, *_shared_premises(d, over)),
         lacks=lacks,
         attack=partial(_attack, d),
+        certify=d.certified.limit,
     )
 
 
@@ -165,6 +168,17 @@ def _shared_premises(d: Dossier, over: Callable[[], Box] | None = None) -> Seque
             source=OURS,
             check=partial(limit.unreached, d.study),
             controller=d.controller,
+            certify=lambda found, premises: numbers(
+                "Trial lengths are drawn independently, and every sample is reached with a probability above 0.",
+                {
+                    "least probability that a sample is reached": (found.margin or 0.0, "1"),
+                    "trials end by an event of the plant": (int(bool(d.plant.ends)), ""),
+                    "lengths that are given": (len(d.study.scenario.trial_length.lengths or ()), ""),
+                },
+                (">", "least probability that a sample is reached", 0),
+                ("=", "trials end by an event of the plant", 0),
+                ("=", "lengths that are given", 0),
+            ),
         ),
         Claim(
             name=f"{name}.continuous_everywhere",
@@ -172,12 +186,16 @@ def _shared_premises(d: Dossier, over: Callable[[], Box] | None = None) -> Seque
             source=OURS,
             check=partial(_continuous, d, over),
             controller=d.controller,
+            certify=lambda found, premises: d.certified.continuous(None if over is None else over()),
         ),
         settled(
             f"{name}.first_plan",
             "The first plan is made of finite numbers.",
             OURS,
             partial(_first_plan, d),
+            facts=lambda: {
+                "samples at which the first plan is no finite number": (int(_first_plan(d) is not None), "")
+            },
             controller=d.controller,
         ),
     )
@@ -197,6 +215,7 @@ def _premises_of_the_conclusion(d: Dossier) -> Sequence[Claim]:
             source=f"{PAPER}, (12) to (15)",
             check=partial(_estimate_form, d),
             controller=d.controller,
+            certify=lambda found, premises: certificate(d.law, d.study.task(d.law)),
         ),
     )
 

@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from models.errors import InvalidValue
+from workbench.contracts.certificate import Certificate
 from workbench.contracts.finding import Finding, Standing
 
 
@@ -44,6 +45,17 @@ class Held(NamedTuple):
     """Where that was."""
 
 
+class NotCertified(Exception):
+    """What was proved has no certificate, with the reason in a sentence."""
+
+
+Certify = Callable[[Finding, Mapping[str, Certificate]], Certificate]
+"""Makes the certificate of what was proved, from the finding and the premises' certificates, by the claims' names.
+
+Raises NotCertified where it cannot.
+"""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Claim:
     """A statement of a paper (or its repair), and the check that looks at it.
@@ -71,6 +83,8 @@ class Claim:
     """The margin at a witness, computed anew from the witness alone; None: the check is done again on another run."""
     attack: Callable[[Finding], Held] | None = None
     """Holds what was proved against the record, and against plans made to break it."""
+    certify: Certify | None = None
+    """Makes the certificate of what was proved, which another program re-checks; None: this kind has none."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

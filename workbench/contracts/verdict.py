@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from hashlib import sha256
 
 from workbench.contracts.claim import Expected, Held, Range, Role
 from workbench.contracts.finding import Grounds, Standing, plain
@@ -75,8 +76,19 @@ class Verdict:
     replayed: float | None = None
     """The margin that the witness of a refutation gave when it was replayed."""
     expected: Expected | None = None
+    certificate: str = ""
+    """The hash of the certificate that was accepted, empty where there is none."""
+    sentence: str = ""
+    """What the certificate shows, in the words of the program that re-checked it."""
+    unchecked: str = ""
+    """Why what the method showed was not re-checked, which leaves it SUPPORTED."""
     contradiction: str = ""
     """How runs contradict what was proved: a fault of the program, never of the study."""
+
+    @property
+    def sentence_hash(self) -> str:
+        """The hash of what the certificate shows."""
+        return sha256(self.sentence.encode()).hexdigest()
 
     @property
     def label(self) -> str:
@@ -144,7 +156,13 @@ class Verdict:
             "evidence": {
                 "grounds": str(self.grounds),
                 **({"tries": self.tries} if not self.grounds.proves else {}),
-                **({"checked": False} if proved else {}),
+                **({"checked": bool(self.certificate)} if proved or self.unchecked else {}),
+                **(
+                    {"certificate": self.certificate, "sentence": self.sentence, "sentence_hash": self.sentence_hash}
+                    if self.certificate
+                    else {}
+                ),
+                **({"unchecked": self.unchecked} if self.unchecked else {}),
                 **({"held_against": self.held.tries, "least_room": plain(self.held.margin)} if self.held else {}),
                 **({"contradiction": self.contradiction} if self.contradiction else {}),
             },

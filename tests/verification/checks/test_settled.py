@@ -5,16 +5,23 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+import xarray as xr
 
+from models.actuator import Actuator
+from studies.maglev.evidence import Evidence
+from studies.maglev.premises import Premises
 from studies.maglev.study import STUDY as MAGLEV
 from studies.maglev.study import ForceNoise
 from studies.variable_gain.study import STUDY
+from verification.certificates.recheck import Recheck
 from verification.checks import settled
 from verification.decide.judge import judge
 from workbench.contracts import settings
-from workbench.contracts.claim import Claim
+from workbench.contracts.claim import Claim, NotCertified
 from workbench.contracts.finding import Finding, Grounds, Standing
-from workbench.contracts.scenario import Between, From, NormalNoise, UniformNoise
+from workbench.contracts.scenario import Between, From, NormalNoise, Times, UniformNoise
+from workbench.controllers.palc import PALC
+from workbench.trials.campaign import Campaign
 
 
 def study(*assignments, **fields):
@@ -42,6 +49,48 @@ def test_one_step_beyond_a_premise_it_is_not_met(name, beyond, says):
     assert judge(premise(STUDY, "ours")).standing is Standing.PROVED
     found = judge(premise(beyond, "ours"))
     assert found.standing is Standing.REFUTED and says in found.method and found.witness
+
+
+def certified(premise):
+    """Return what the checker says of a premise's certificate, made whether or not the premise is met."""
+    made = premise.certify(Finding(grounds=Grounds.SETTINGS, holds=True), {})
+    return Recheck().sentence(made)
+
+
+@pytest.mark.parametrize(("name", "beyond", "says"), BEYOND, ids=[f"{row[0]}: {row[2][:24]}" for row in BEYOND])
+def test_the_numbers_of_a_premise_say_whether_it_is_met(name, beyond, says):
+    premise = getattr(settled, name)
+    met = premise(STUDY, "ours")
+    assert certified(met).startswith(met.statement)
+    with pytest.raises(NotCertified, match=r"is false|hexadecimal"):  # an unbounded noise is no number
+        certified(premise(beyond, "ours"))
+
+
+def shuttles_premises(**fields):
+    """Return what the Lyapunov argument rests on, by name, of a shuttle that is otherwise as declared."""
+    campaign = Campaign(dataclasses.replace(MAGLEV, **fields), xr.Dataset())
+    return {one.name.split("premise.")[1]: one for one in Premises(Evidence(campaign)).of_the_theorem("palc")}
+
+
+@pytest.mark.parametrize(
+    ("name", "fields"),
+    [
+        ("model", {"truth": {"mass": Times(factor=1.0000001)}}),
+        ("model", {"truth": {"air_car": Times(factor=0.9)}}),
+        ("model", {"truth": {"smooth_speed": Times(factor=2.0)}}),
+        ("period", {"controllers": {"palc": PALC(late=1)}}),
+        ("continues", {"continues": False}),
+        ("whole_trials", {"trial_length": 900}),
+        ("no_actuator", {"actuator": Actuator(rate=1e9)}),
+    ],
+)
+def test_the_numbers_of_the_shuttle_s_premises_say_whether_they_are_met(name, fields):
+    met = shuttles_premises()
+    assert all(certified(one).startswith(one.statement) for one in met.values()) and name in met
+    beyond = shuttles_premises(**fields)
+    assert judge(beyond[name]).standing is Standing.REFUTED
+    with pytest.raises(NotCertified, match="is false"):
+        certified(beyond[name])
 
 
 def test_noise_on_one_output_leaves_the_others():
