@@ -30,6 +30,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+Written = Annotated[Path, typer.Argument(metavar="OUT", help="a folder that verify wrote")]
 Name = Annotated[str, typer.Argument(metavar="STUDY", help="a built-in study, or a .py file that declares one")]
 Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="change a setting (may be repeated)")
@@ -217,7 +218,7 @@ def verify(
 
 @app.command()
 def replay(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="a folder that verify wrote")],
+    out: Written,
     claim: Annotated[str, typer.Argument(metavar="CLAIM", help="a claim that is REFUTED in it")],
     case: Annotated[str | None, typer.Option("--case", metavar="NAME", help="the case (default: that of OUT)")] = None,
     controller: Annotated[str | None, typer.Option("--controller", metavar="NAME", help="the controller")] = None,
@@ -240,13 +241,8 @@ def replay(
 
 
 @app.command()
-def recheck(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="a folder that verify wrote")],
-) -> None:
-    """Check the certificates that verify wrote, by a program that shares nothing with the one that made them.
-
-    Exit status: 0 every certificate is accepted, 2 one is not, or bad usage or input.
-    """
+def recheck(out: Written) -> None:
+    """Check what verify wrote by a program that shares nothing with it; exit status 0 or, if it does not stand, 2."""
     unhidden("verification")
     from verification.decide.recheck import recheck as recheck_folder
 
@@ -311,7 +307,8 @@ def _print_scores(scores: Scores) -> None:
     metrics = list(dict.fromkeys(metric for row in scores.values() for metric in row))
     table: list[tuple[str, ...]] = [("metric", *scores)]
     for metric in metrics:
-        table.append((metric, *(_short(row.get(metric)) for row in scores.values())))
+        values = [row.get(metric) for row in scores.values()]
+        table.append((metric, *("-" if value is None else f"{value:.5g}" for value in values)))
     _print_table(table)
 
 
@@ -324,10 +321,6 @@ def _said(value: object) -> str:
     """Return what a case sets, in a few words."""
     plain = isinstance(value, (bool, int, float, str, list, tuple, dict))
     return json.dumps(value, default=str) if plain else str(value)
-
-
-def _short(value: float | None) -> str:
-    return "-" if value is None else f"{value:.5g}"
 
 
 def _print_table(table: list[tuple[str, ...]]) -> None:

@@ -124,8 +124,11 @@ def test_a_claim_whose_certificate_fails_is_at_most_supported():
         raise NotCertified("there is none")
 
     for certify, why in ((of_another, "is false"), (none, "there is none"), (None, "have no certificate")):
-        verdict = Judge(recheck=Recheck()).verdict(dataclasses.replace(claim, certify=certify))
+        changed = dataclasses.replace(claim, certify=certify)
+        verdict = Judge(recheck=Recheck(demanded=True)).verdict(changed)
         assert verdict.standing is Standing.SUPPORTED and why in verdict.unchecked
+        told = Judge(recheck=Recheck()).verdict(changed)
+        assert told.standing is Standing.PROVED and why in told.unchecked and not told.as_json()["evidence"]["checked"]
 
 
 def rejected(certificate):
