@@ -307,8 +307,7 @@ def _print_scores(scores: Scores) -> None:
     metrics = list(dict.fromkeys(metric for row in scores.values() for metric in row))
     table: list[tuple[str, ...]] = [("metric", *scores)]
     for metric in metrics:
-        values = [row.get(metric) for row in scores.values()]
-        table.append((metric, *("-" if value is None else f"{value:.5g}" for value in values)))
+        table.append((metric, *("-" if (one := row.get(metric)) is None else f"{one:.5g}" for row in scores.values())))
     _print_table(table)
 
 
