@@ -413,7 +413,7 @@ def test_what_has_no_certificate_is_no_more_than_supported():
 
     (claim,) = [one for one in design_claims(STUDY, (3,)) if one.name == "stopping.schur"]
     without = dataclasses.replace(claim, certify=partial(_certified, own(STUDY), unseen))
-    verdict = Judge(recheck=Recheck()).verdict(without)
+    verdict = Judge(recheck=Recheck(demanded=True)).verdict(without)
     assert verdict.standing is Standing.SUPPORTED and verdict.unchecked == "it is not seen"
 
 

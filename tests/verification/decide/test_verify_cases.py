@@ -18,7 +18,8 @@ from workbench.contracts.study import Study
 from workbench.trials.campaign import load, run
 from workbench.trials.find import find
 
-WHOLE = {"run.nc", "provenance.json", "scores.json", "verdicts.json", "verdicts.xml", "report.html", "figures"}
+VERDICTS = {"verdicts.json", "verdicts.xml", "certificates"}
+WHOLE = {"run.nc", "provenance.json", "scores.json", "report.html", "figures"} | VERDICTS
 PART = {"run.nc", "provenance.json", "scores.json", "figures"}
 OWN = """
 import numpy as np
