@@ -81,7 +81,7 @@ class Verdict:
     sentence: str = ""
     """What the certificate shows, in the words of the program that re-checked it."""
     unchecked: str = ""
-    """Why what the method showed was not re-checked, which leaves it SUPPORTED."""
+    """Why what the method showed was not re-checked: it is SUPPORTED at most where a certificate is demanded."""
     contradiction: str = ""
     """How runs contradict what was proved: a fault of the program, never of the study."""
 
